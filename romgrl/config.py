@@ -1,0 +1,214 @@
+"""Typed schema of every configuration key, with its meaning, unit and range.
+
+The values live in conf/*.yaml; this file says what is allowed. `validate` checks a composed configuration, and
+docs/configuration.md is generated from the same metadata.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+MISSING: Any = "???"
+
+
+def key(
+    doc: str,
+    *,
+    unit: str = "",
+    low: float | None = None,
+    high: float | None = None,
+    above: float | None = None,
+    choices: tuple[str, ...] = (),
+) -> Any:
+    """Describe one key: low <= value <= high, value > above, or value in choices. The value comes from YAML."""
+    metadata = {"doc": doc, "unit": unit, "low": low, "high": high, "above": above, "choices": choices}
+    return field(default=MISSING, metadata=metadata)
+
+
+STAGES = ("teacher", "reference", "student", "baseline", "evaluation", "report")
+
+
+@dataclass
+class Rom:
+    """Reduced-order model: a trunk on two spring legs (paper section 3.2). None = taken from the humanoid."""
+
+    name: str = key("name of the reduced-order model")
+    mass: float | None = key("total mass, feet included; null: the humanoid's", unit="kg", above=0)
+    leg_length: float | None = key("rest length from hip to foot centre; null: the humanoid's pelvis to ankle", unit="m", above=0)
+    foot_radius: float | None = key("radius of the foot circle; null: the humanoid's ankle height", unit="m", above=0)
+    foot_mass: float = key("mass of each foot", unit="kg", above=0)
+    stiffness: float = key("leg spring", unit="N/m", above=0)
+    stance_damping: float = key("leg damping while loaded", unit="N s/m", low=0)
+    swing_damping: float = key("leg damping while unloaded", unit="N s/m", low=0)
+    hip_torque: float = key("hip torque at action 1", unit="N m", above=0)
+    torque_lag: float = key("time constant of the hip motors; 0: none", unit="s", low=0)
+    trunk_moment_limit: float | None = key("largest net hip moment the trunk takes; null: no limit", unit="N m", above=0)
+    retraction: float = key("shortening of an unloaded leg in early swing, share of leg_length; 0: none", low=0, high=0.4)
+    retraction_time: float = key("duration of retraction and extension", unit="s", above=0)
+    hip_angle_limit: float = key("hip stops at +- this angle", unit="rad", above=0, high=1.57)
+    compression_limit: float = key("shortest leg, share of leg_length", above=0, high=1)
+    extension_limit: float = key("longest leg, share of leg_length", low=1, high=1.5)
+    friction: float = key("ground friction coefficient", low=0)
+    trunk_locked: bool = key("true: the trunk cannot rotate (4 degrees of freedom)")
+    trunk_inertia: float = key("moment of inertia of a free trunk", unit="kg m^2", above=0)
+    trunk_pitch_limit: float = key("a free trunk falls beyond this pitch", unit="rad", above=0)
+    fall_height: float = key("an episode ends below this body height, share of leg_length", above=0, high=1)
+    substeps: int = key("physics steps per control step", low=1)
+    velocity_iterations: int = key("Box2D velocity iterations", low=1)
+    position_iterations: int = key("Box2D position iterations", low=1)
+    reset_hip_angle: list[float] = key("range of the anti-phase hip angle at reset", unit="rad")
+    reset_speed: list[float] = key("range of the forward speed at reset, share of the target speed")
+    observation: str = key("full: 20 entries; paper: the 13 that the paper lists", choices=("full", "paper"))
+
+
+@dataclass
+class Teacher:
+    """PPO on the reduced-order model (paper section 3.2)."""
+
+    name: str = key("name of the teacher")
+    speed: float = key("target speed of the teacher", unit="m/s", low=0, high=10)
+    reward: str = key("exponential: exp(-alpha |v - speed|); forward_velocity: v", choices=("exponential", "forward_velocity"))
+    alpha: float = key("sensitivity of the exponential reward", unit="s/m", above=0)
+    total_steps: int = key("environment steps", low=1)
+    num_envs: int = key("worlds stepped together", low=1)
+    rollout_steps: int = key("steps per world between updates", low=1)
+    episode_steps: int = key("an episode is truncated after this many control steps", low=1)
+    epochs: int = key("passes over each rollout", low=1)
+    minibatch_size: int = key("samples per gradient step", low=1)
+    hidden_sizes: list[int] = key("hidden layers of policy and value network")
+    activation: str = key("activation of both networks", choices=("tanh", "relu", "elu"))
+    learning_rate: float = key("Adam learning rate", above=0)
+    learning_rate_decay: bool = key("true: the learning rate falls linearly to zero")
+    gamma: float = key("discount factor", above=0, high=1)
+    gae_lambda: float = key("lambda of generalised advantage estimation", low=0, high=1)
+    clip_ratio: float = key("PPO clip range", above=0)
+    value_coefficient: float = key("weight of the value loss", low=0)
+    entropy_coefficient: float = key("weight of the entropy bonus", low=0)
+    max_gradient_norm: float = key("gradients are clipped to this norm", above=0)
+    initial_log_std: float = key("log standard deviation of the first policy")
+    mirror: bool = key("true: half of each minibatch is left-right mirrored")
+
+
+@dataclass
+class Reference:
+    """Rollout of the trained teacher (paper section 3.2)."""
+
+    steps: int = key("steps kept, all episodes together", low=50)
+    episodes: int = key("episodes from different resets", low=1)
+    warmup_steps: int = key("first steps of each episode, left out as not steady", low=0)
+
+
+@dataclass
+class Humanoid:
+    """Planar humanoid in MuJoCo (paper section 4.1.2)."""
+
+    name: str = key("name of the humanoid")
+    xml: str | None = key("MuJoCo file to hold in the sagittal plane; null: the project's own humanoid")
+    actuation: str = key("servo: position servos; torque: joint torques", choices=("servo", "torque"))
+    height: float = key("body height of the project's own humanoid", unit="m", low=1.2, high=2.2)
+    mass: float = key("body mass of the project's own humanoid", unit="kg", low=30, high=150)
+    control_frequency: float = key("control steps per second", unit="Hz", above=0)
+    substeps: int = key("physics steps per control step", low=1)
+    episode_steps: int = key("an episode is truncated after this many control steps", low=1)
+    reset_speed: list[float] = key("range of the forward speed at reset, share of the target speed")
+    fall_pelvis_height: float = key("an episode ends when the pelvis is below this share of its standing height", low=0, high=1)
+    fall_head_height: float = key("an episode ends when the head is below this share of its standing height", low=0, high=1)
+    fall_trunk_lean: float = key("an episode ends beyond this lean of the pelvis-neck line", unit="rad", above=0)
+
+
+@dataclass
+class Student:
+    """SAC on the humanoid (paper section 3.3); the baseline is the same with eta = 1 and no discriminator."""
+
+    name: str = key("name of the student")
+    alpha: float = key("sensitivity of the velocity reward", unit="s/m", above=0)
+    total_steps: int = key("environment steps", low=1)
+    num_envs: int = key("humanoids stepped together", low=1)
+    updates_per_step: float = key("critic updates per environment step", above=0)
+    learning_starts: int = key("environment steps before the first update", low=0)
+    batch_size: int = key("transitions per update", low=1)
+    buffer_size: int = key("transitions kept", low=1)
+    hidden_sizes: list[int] = key("hidden layers of policy and critics")
+    layer_norm: bool = key("true: layer normalisation in policy and critics")
+    compact_observation: bool = key("true: the networks drop columns that are constant in the plane")
+    policy_learning_rate: float = key("Adam learning rate of the policy", above=0)
+    critic_learning_rate: float = key("Adam learning rate of the critics", above=0)
+    temperature_learning_rate: float = key("Adam learning rate of the temperature", above=0)
+    initial_temperature: float = key("first weight of the entropy", above=0)
+    target_entropy_scale: float = key("target entropy = - this x number of actions", above=0)
+    gamma: float = key("discount factor", above=0, high=1)
+    tau: float = key("share of the critics copied into their targets at each update", above=0, high=1)
+    policy_delay: int = key("critic updates per policy update", low=1)
+    critic_target: str = key("how the twin target critics are joined", choices=("minimum", "mean"))
+    mirror: bool = key("true: half of each batch is left-right mirrored")
+
+
+@dataclass
+class Discriminator:
+    """Adversarial judge of the gait (paper section 3.3)."""
+
+    name: str = key("name of the discriminator; none: no imitation", choices=("paper", "tuned", "none"))
+    features: str = key("paper: the five; trunk: the five and the trunk inclination", choices=("paper", "trunk"))
+    window: int = key("consecutive frames judged together", low=1, high=32)
+    trunk_std: float = key("spread of the trunk inclination in the reference stream (0 for the ROM)", unit="rad", low=0)
+    hidden_sizes: list[int] = key("hidden layers")
+    dropout: float = key("dropout after each hidden layer", low=0, high=0.9)
+    learning_rate: float = key("Adam learning rate", above=0)
+    gradient_penalty: float = key("weight of the gradient penalty", low=0)
+    label_smoothing: float = key("labels are 1 - this and this", low=0, high=0.49)
+    update_interval: int = key("critic updates per discriminator update", low=1)
+    batch_size: int = key("frames of each stream per update", low=1)
+    starts: int = key("environment steps before the first update", low=0)
+    reward_limit: float | None = key("largest imitation reward; null: no limit", above=0)
+    held_out: float = key("share of the reference held out for the validation loss", above=0, high=0.9)
+    patience: int | None = key("updates without a better validation loss before training stops; null: never", low=1)
+
+
+@dataclass
+class Evaluation:
+    """Deterministic rollouts of student and baseline against the reference (paper section 4.2)."""
+
+    episodes: int = key("episodes per policy", low=1)
+    steps: int = key("control steps per episode", low=100)
+    window: int = key("last steps of each episode that are scored", low=10)
+    video: bool = key("true: render a film of each gait")
+
+
+@dataclass
+class Tracking:
+    """MLflow."""
+
+    enabled: bool = key("false: nothing is logged to MLflow")
+    uri: str | None = key("tracking server; null: SQLite under paths.outputs")
+    experiment: str = key("MLflow experiment")
+
+
+@dataclass
+class Paths:
+    """Where results go."""
+
+    outputs: str = key("directory of artifacts, MLflow store and logs")
+
+
+@dataclass
+class Config:
+    """Everything a run needs."""
+
+    stage: str = key("last stage to run, with what it needs", choices=("all", *STAGES))
+    speed: float = key("target speed of student and baseline", unit="m/s", low=0, high=10)
+    eta: float = key("weight of the task reward; 1 - eta weighs imitation", low=0, high=1)
+    noise: float = key("standard deviation of the Gaussian noise on both streams of the discriminator", low=0, high=10)
+    seed: int = key("seed of every random number", low=0)
+    device: str = key("where the networks are trained", choices=("cpu", "cuda"))
+    threads: int = key("threads of physics and networks; 0: all cores", low=0)
+    experiment: str = key("name of the preset")
+    rom: Rom = field(default_factory=Rom)
+    teacher: Teacher = field(default_factory=Teacher)
+    reference: Reference = field(default_factory=Reference)
+    humanoid: Humanoid = field(default_factory=Humanoid)
+    student: Student = field(default_factory=Student)
+    discriminator: Discriminator = field(default_factory=Discriminator)
+    evaluation: Evaluation = field(default_factory=Evaluation)
+    tracking: Tracking = field(default_factory=Tracking)
+    paths: Paths = field(default_factory=Paths)
