@@ -1,0 +1,1 @@
+"""What a gait is: its features, its description in numbers, and its distance to another gait."""

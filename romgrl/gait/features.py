@@ -1,0 +1,122 @@
+"""The feature contract that every gait of the project is written in.
+
+    features[t] = [y_com, x_left, y_left, x_right, y_right]      float32, metres, x forward, y up
+
+y_com is the height of the body above the ground; the ankles follow, relative to the body. The body is the pelvis origin of
+the humanoid or the trunk centre of the reduced-order model, the ankle the joint or the centre of the foot circle.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+CHANNELS = ("pelvis_y", "left_foot_x", "left_foot_z", "right_foot_x", "right_foot_z")
+MIRROR = (0, 3, 4, 1, 2)
+BODY_Y, LEFT_X, LEFT_Z, RIGHT_X, RIGHT_Z = range(5)
+
+Floats = NDArray[np.floating]
+Bools = NDArray[np.bool_]
+
+
+def mirrored(features: Floats) -> Floats:
+    """Swap left and right. Shape in and out: (..., 5)."""
+    return features[..., list(MIRROR)]
+
+
+def until_first_fall(upright: Bools) -> Bools:
+    """True from the start of each episode up to, not including, the first step that is not upright. Shape: (E, T)."""
+    return np.logical_and.accumulate(upright, axis=1)
+
+
+@dataclass(frozen=True)
+class Gait:
+    """Episodes of one walker, padded to one length.
+
+    features (E, T, 5) m; valid (E, T): steps that belong to the episode, before any fall; fallen (E,); dt s;
+    velocity (E, T) m/s forward; contact (E, T, 2) left and right foot on the ground; trunk_lean (E, T) rad, forward
+    positive; power (E, T) W, sum over the joints of |torque x angular velocity|. None: not recorded.
+    """
+
+    features: Floats
+    valid: Bools
+    fallen: Bools
+    dt: float
+    velocity: Floats | None = None
+    contact: Bools | None = None
+    trunk_lean: Floats | None = None
+    power: Floats | None = None
+
+    @property
+    def upright_episodes(self) -> list[Floats]:
+        """Features (T_i, 5) of the episodes without a fall."""
+        return [self.features[e, self.valid[e]] for e in np.flatnonzero(~self.fallen)]
+
+
+def gait_from_rollouts(arrays: Mapping[str, NDArray[np.generic]], name: str) -> Gait:
+    """One walker of rollouts.npz: arrays `<name>_features`, `<name>_upright`, ... and `dt`."""
+
+    def optional(key: str) -> NDArray[np.generic] | None:
+        return arrays.get(f"{name}_{key}")
+
+    upright = np.asarray(arrays[f"{name}_upright"], bool)
+    contact = optional("contact")
+    return Gait(
+        features=np.asarray(arrays[f"{name}_features"], float),
+        valid=until_first_fall(upright),
+        fallen=~upright.all(axis=1),
+        dt=float(arrays["dt"]),
+        velocity=_float(optional("velocity")),
+        contact=None if contact is None else np.asarray(contact, bool),
+        trunk_lean=_float(optional("trunk_lean")),
+        power=_float(optional("power")),
+    )
+
+
+def gait_from_reference(arrays: Mapping[str, NDArray[np.generic]]) -> Gait:
+    """The teacher's rollout of reference.npz: `features` (N, 5), `episode` (N,), `dt`, optionally `contact`, `velocity`, `power`.
+
+    A change of the episode number starts a new episode. The reference's trunk is locked upright unless `trunk_lean` is there.
+    """
+    bounds = episode_bounds(np.asarray(arrays["episode"]))
+    lengths = [stop - start for start, stop in bounds]
+    valid = np.arange(max(lengths)) < np.asarray(lengths)[:, None]
+
+    def padded(key: str) -> NDArray[np.generic] | None:
+        values = arrays.get(key)
+        if values is None:
+            return None
+        result = np.zeros((*valid.shape, *values.shape[1:]), values.dtype)
+        for row, (start, stop) in enumerate(bounds):
+            result[row, : stop - start] = values[start:stop]
+        return result
+
+    features, contact = padded("features"), padded("contact")
+    if features is None:
+        raise ValueError("the reference has no array `features`")
+    return Gait(
+        features=np.asarray(features, float),
+        valid=valid,
+        fallen=np.zeros(len(bounds), bool),
+        dt=float(arrays["dt"]),
+        velocity=_float(padded("velocity")),
+        contact=None if contact is None else np.asarray(contact, bool),
+        trunk_lean=_float(padded("trunk_lean")),
+        power=_float(padded("power")),
+    )
+
+
+def episode_bounds(episode: NDArray[np.generic]) -> list[tuple[int, int]]:
+    """Start and stop of every run of equal numbers in `episode` (N,)."""
+    if len(episode) == 0:
+        raise ValueError("a reference needs at least one step")
+    cuts = np.flatnonzero(episode[1:] != episode[:-1]) + 1
+    edges = [0, *cuts.tolist(), len(episode)]
+    return list(zip(edges[:-1], edges[1:], strict=True))
+
+
+def _float(values: NDArray[np.generic] | None) -> Floats | None:
+    return None if values is None else np.asarray(values, float)

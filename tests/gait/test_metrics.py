@@ -1,0 +1,115 @@
+import numpy as np
+import pytest
+
+from romgrl.gait import metrics
+from romgrl.gait.features import Gait
+from tests.gait.synthetic import DT, run
+
+
+@pytest.mark.parametrize("frequency", [0.8, 1.0, 1.73, 2.55, 3.4])
+def test_stride_frequency_of_a_sine_gait(frequency: float) -> None:
+    features, _ = run(frequency=frequency, noise=0.02)
+    assert metrics.stride_frequency(features, DT) == pytest.approx(frequency, rel=0.005)
+
+
+def test_stride_frequency_is_not_fooled_by_a_hop_or_a_short_episode() -> None:
+    hop, _ = run(frequency=1.5, right_phase=0.0)
+    assert metrics.stride_frequency(hop, DT) == pytest.approx(1.5, rel=0.005)
+    short, _ = run(frequency=1.5, steps=60)
+    assert metrics.stride_frequency(short, DT) == pytest.approx(1.5, rel=0.03)
+    assert np.isnan(metrics.stride_frequency(np.zeros((2, 300, 5)), DT))
+    assert np.isnan(metrics.stride_frequency(short[:, :5], DT))
+
+
+@pytest.mark.parametrize("duty", [0.28, 0.62])
+def test_duty_factor_and_touchdown_phase(duty: float) -> None:
+    for phase in (0.5, 0.42, 0.0):
+        _, contact = run(duty=duty, right_phase=phase, episodes=16)
+        assert metrics.duty_factor(contact) == pytest.approx(duty, abs=0.02)
+        difference = (metrics.touchdown_phase(contact) - phase + 0.5) % 1.0 - 0.5
+        assert abs(difference) < 0.02
+
+
+def test_touchdowns_close_single_gaps() -> None:
+    contact = np.array([0, 1, 1, 0, 1, 0, 0, 0, 1, 1], bool)
+    assert metrics.touchdowns(contact) == [1, 8]
+
+
+def test_left_right_correlation_is_the_cosine_of_the_phase() -> None:
+    for phase, expected in ((0.5, -1.0), (0.0, 1.0), (0.25, 0.0)):
+        features, _ = run(right_phase=phase)
+        assert metrics.left_right_correlation(features) == pytest.approx(expected, abs=0.02)
+
+
+def test_symmetry_is_one_for_equal_feet_and_falls_with_amplitude() -> None:
+    features, _ = run()
+    assert metrics.left_right_symmetry(features, DT) > 0.995
+    features[..., 3] *= 0.5
+    # 2 cov / (var + var) = 2 (a b / 2) / (a^2/2 + b^2/2) with b = a/2: 0.8
+    assert metrics.left_right_symmetry(features, DT) == pytest.approx(0.8, abs=0.01)
+
+
+def test_body_height_and_excursion() -> None:
+    features, _ = run(height=0.91, excursion=0.07, frequency=1.5)
+    assert metrics.body_height(features) == pytest.approx(0.91, abs=1e-3)
+    assert metrics.body_excursion(features, DT) == pytest.approx(0.07, abs=2e-3)
+
+
+def test_speed_lean_and_cost_skip_what_follows_a_fall() -> None:
+    velocity = np.full((2, 100), 4.0)
+    velocity[0, 50:] = -100.0
+    valid = np.ones((2, 100), bool)
+    valid[0, 50:] = False
+    assert metrics.falls(valid) == 1
+    assert metrics.mean_speed(velocity, valid) == 4.0
+    assert metrics.speed_error(velocity, 3.5, valid) == 0.5
+    assert metrics.trunk_lean_degrees(np.where(valid, np.pi / 18, 9.0), valid) == pytest.approx(10.0)
+    # 700 W at 4 m/s and 70 kg: 700 / (70 x 9.81 x 4)
+    cost = metrics.cost_of_transport(np.where(valid, 700.0, 1e6), velocity, 70.0, valid)
+    assert cost == pytest.approx(700 / (70 * 9.81 * 4))
+    assert np.isnan(metrics.cost_of_transport(velocity, 0 * velocity, 70.0))
+
+
+def test_inferred_contact_of_a_rolling_foot() -> None:
+    # stance: the foot is on the ground and moves back at exactly the walking speed; swing: forward and 15 cm up
+    steps, period, speed = 300, 20, 2.0
+    phase = np.arange(steps) % period
+    stance = phase < 8
+    x = np.where(stance, 0.25 - speed * DT * phase, -0.25 + 0.5 * (phase - 8) / 12)
+    lift = np.where(stance, 0.0, 0.15 * np.sin(np.pi * (phase - 7.5) / 12.5))
+    features = np.zeros((1, steps, 5))
+    features[0, :, 0] = 0.9
+    features[0, :, 1], features[0, :, 3] = x, np.roll(x, 10)
+    features[0, :, 2], features[0, :, 4] = -0.83 + lift, -0.83 + np.roll(lift, 10)
+    contact = metrics.infer_contact(features, np.full((1, steps), speed), DT)
+    assert metrics.duty_factor(contact) == pytest.approx(0.4, abs=0.11)
+    assert metrics.touchdown_phase(contact) == pytest.approx(0.5, abs=0.01)
+
+
+@pytest.mark.parametrize("shift", [-0.08, 0.0, 0.05])
+def test_phase_lag_of_a_shifted_sine(shift: float) -> None:
+    time = DT * np.arange(100)
+    teacher, student = (np.zeros((1, 100, 5)) for _ in range(2))
+    for foot in (1, 3):
+        teacher[0, :, foot] = np.sin(2 * np.pi * 1.7 * time)
+        student[0, :, foot] = np.sin(2 * np.pi * 1.7 * (time - shift))
+    seconds, strides = metrics.phase_lag(student, teacher, DT, 1.7)
+    assert seconds == pytest.approx(abs(shift), abs=0.004)
+    assert strides == pytest.approx(seconds * 1.7)
+
+
+def test_describe_names_every_column_with_its_unit() -> None:
+    features, contact = run(frequency=1.7, episodes=8)
+    ones = np.ones(features.shape[:2])
+    gait = Gait(features, ones > 0, np.zeros(8, bool), DT, 4.1 * ones, contact, 0.1 * ones, 900 * ones)
+    row = metrics.describe(gait, target_speed=4.0, mass=71.8)
+    assert row["falls"] == 0
+    assert row["mean_speed_m_per_s"] == pytest.approx(4.1)
+    assert row["speed_error_percent"] == pytest.approx(2.5)
+    assert row["stride_frequency_hz"] == pytest.approx(1.7, rel=0.01)
+    assert row["touchdown_phase_strides"] == pytest.approx(0.5, abs=0.02)
+    assert row["trunk_lean_deg"] == pytest.approx(np.degrees(0.1))
+    assert all(np.isfinite(value) for value in row.values())
+    bare = metrics.describe(Gait(features, ones > 0, np.zeros(8, bool), DT), target_speed=4.0)
+    assert np.isnan(bare["mean_speed_m_per_s"])
+    assert np.isfinite(bare["stride_frequency_hz"])
