@@ -142,6 +142,8 @@ class Student:
     policy_delay: int = key("critic updates per policy update", low=1)
     critic_target: str = key("how the twin target critics are joined", choices=("minimum", "mean"))
     mirror: bool = key("true: half of each batch is left-right mirrored")
+    normalize_observation: bool = key("true: observations are standardised by their running mean and deviation")
+    policy_average: float = key("the saved policy is a running average with this decay; 0: the last one", low=0, high=0.99999)
 
 
 @dataclass
@@ -158,7 +160,9 @@ class Discriminator:
     gradient_penalty: float = key("weight of the gradient penalty", low=0)
     label_smoothing: float = key("labels are 1 - this and this", low=0, high=0.49)
     update_interval: int = key("critic updates per discriminator update", low=1)
-    batch_size: int = key("frames of each stream per update", low=1)
+    batch_size: int = key("windows of each stream per update", low=1)
+    recent_steps: int | None = key("the student's windows are drawn from this many last steps; null: from all", low=1)
+    standardize: bool = key("true: features are standardised by the reference's mean and deviation")
     starts: int = key("environment steps before the first update", low=0)
     reward_limit: float | None = key("largest imitation reward; null: no limit", above=0)
     held_out: float = key("share of the reference held out for the validation loss", above=0, high=0.9)

@@ -1,0 +1,1 @@
+"""Learning algorithms: PPO for the teacher, SAC and the discriminator for the student."""

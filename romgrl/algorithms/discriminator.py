@@ -1,0 +1,123 @@
+"""Adversarial discriminator of the gait (paper section 3.3): ROM frames are real, the student's are fake."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional as F
+
+
+def discriminator_loss(real_logits: Tensor, fake_logits: Tensor, label_smoothing: float) -> Tensor:
+    """Binary cross-entropy of both streams with labels 1 - smoothing and smoothing, summed as in the paper's L_D."""
+    real = F.binary_cross_entropy_with_logits(real_logits, torch.full_like(real_logits, 1 - label_smoothing))
+    fake = F.binary_cross_entropy_with_logits(fake_logits, torch.full_like(fake_logits, label_smoothing))
+    return real + fake
+
+
+def gradient_penalty(logits: Callable[[Tensor], Tensor], real: Tensor, fake: Tensor, mix: Tensor) -> Tensor:
+    """E (|grad_x logit(x)| - 1)^2 on x = mix real + (1 - mix) fake (WGAN-GP); mix is (B, 1) in [0, 1]."""
+    between = (mix * real + (1 - mix) * fake).requires_grad_()
+    (gradient,) = torch.autograd.grad(logits(between).sum(), between, create_graph=True)
+    return (gradient.norm(dim=-1) - 1).square().mean()
+
+
+def imitation_reward(logits: Tensor, limit: float | None) -> Tensor:
+    """r_im = -log(1 - D) = softplus(logit), at most `limit`."""
+    return F.softplus(logits).clamp(max=limit) if limit is not None else F.softplus(logits)
+
+
+class Discriminator:
+    """Judge of windows of gait features, (B, frame_size) -> logit (B,).
+
+    `reference` holds the windows of the teacher, (N, frame_size); the last `held_out` share of it validates.
+    `noise` is the standard deviation of the Gaussian noise on both streams while training, in feature units.
+    """
+
+    def __init__(
+        self,
+        *,
+        reference: Tensor,
+        hidden_sizes: list[int],
+        dropout: float,
+        learning_rate: float,
+        penalty_weight: float,
+        label_smoothing: float,
+        noise: float,
+        reward_limit: float | None,
+        held_out: float,
+        patience: int | None,
+        standardize: bool,
+        seed: int,
+        device: str = "cpu",
+    ) -> None:
+        torch.manual_seed(seed)
+        self.generator = torch.Generator(device=device).manual_seed(seed)
+        split = max(1, round(len(reference) * (1 - held_out)))
+        if split >= len(reference):
+            raise ValueError(f"held_out {held_out} leaves no window of {len(reference)} to validate")
+        self.real, self.validation = reference[:split].to(device), reference[split:].to(device)
+        scale = reference.std(0).clamp(min=1e-3) if standardize else torch.ones(reference.shape[1])
+        self.mean = (reference.mean(0) if standardize else torch.zeros(reference.shape[1])).to(device)
+        self.scale = (1 / scale).to(device)
+        layers: list[nn.Module] = []
+        for inputs, outputs in zip([reference.shape[1], *hidden_sizes[:-1]], hidden_sizes, strict=True):
+            layers += [nn.Linear(inputs, outputs), nn.LeakyReLU(0.2), nn.Dropout(dropout)]
+        self.network = nn.Sequential(*layers, nn.Linear(hidden_sizes[-1], 1)).to(device)
+        self.optimizer = torch.optim.Adam(self.network.parameters(), lr=learning_rate)
+        self.penalty_weight, self.label_smoothing, self.noise = penalty_weight, label_smoothing, noise
+        self.reward_limit, self.patience = reward_limit, patience
+        self.best_validation = torch.tensor(float("inf"), device=device)
+        self.stale_updates = torch.zeros((), dtype=torch.int64, device=device)
+        self.stopped = False
+        self.updates = 0
+
+    def logits(self, frames: Tensor) -> Tensor:
+        """Logit of being the teacher's, (B,)."""
+        logit: Tensor = self.network((frames - self.mean) * self.scale).squeeze(-1)
+        return logit
+
+    @torch.no_grad()
+    def reward(self, frames: Tensor) -> Tensor:
+        """Imitation reward (B,) of clean windows, dropout off."""
+        self.network.eval()
+        return imitation_reward(self.logits(frames), self.reward_limit)
+
+    def update(self, frames: Tensor) -> dict[str, Tensor]:
+        """One step on as many windows of the teacher as of the student, (B, frame_size)."""
+        self.network.train()
+        index = torch.randint(len(self.real), (len(frames),), generator=self.generator, device=frames.device)
+        real, fake = self._perturb(self.real[index]), self._perturb(frames)
+        real_logits, fake_logits = self.logits(real), self.logits(fake)
+        loss = discriminator_loss(real_logits, fake_logits, self.label_smoothing)
+        mix = torch.rand((len(frames), 1), generator=self.generator, device=frames.device)
+        penalty = gradient_penalty(self.logits, real, fake, mix)
+        self.optimizer.zero_grad()
+        (loss + self.penalty_weight * penalty).backward()  # type: ignore[no-untyped-call]
+        gradient_norm = nn.utils.get_total_norm([p.grad for p in self.network.parameters() if p.grad is not None])
+        self.optimizer.step()
+        self.updates += 1
+        return {
+            "discriminator_loss": loss.detach(),
+            "discriminator_accuracy_teacher": (real_logits > 0).float().mean(),
+            "discriminator_accuracy_student": (fake_logits < 0).float().mean(),
+            "discriminator_gradient_norm": gradient_norm,
+            "discriminator_validation_loss": self._validate(fake),
+        }
+
+    @torch.no_grad()
+    def _validate(self, fake: Tensor) -> Tensor:
+        """Loss on the held-out windows; counts the updates in a row that brought nothing better."""
+        self.network.eval()
+        loss = discriminator_loss(self.logits(self.validation), self.logits(fake), self.label_smoothing)
+        better = loss < self.best_validation
+        self.best_validation = torch.where(better, loss, self.best_validation)
+        self.stale_updates = torch.where(better, 0, self.stale_updates + 1)
+        if self.patience is not None:
+            self.stopped = bool(self.stale_updates >= self.patience)
+        return loss
+
+    def _perturb(self, frames: Tensor) -> Tensor:
+        noise = torch.randn(frames.shape, generator=self.generator, device=frames.device)
+        return frames + self.noise * noise

@@ -1,0 +1,57 @@
+"""ROM-GRL (paper section 3.3): SAC whose reward is recomputed with the current discriminator at every draw."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from torch import Tensor
+
+from romgrl.algorithms.discriminator import Discriminator
+from romgrl.algorithms.sac import SAC
+from romgrl.buffers import Batch, ReplayBuffer
+from romgrl.normalizer import RunningNormalizer
+
+
+@dataclass
+class RomGrl:
+    """What one update needs: the agent, its judge, its memory and the weight of the task reward."""
+
+    sac: SAC
+    discriminator: Discriminator | None
+    buffer: ReplayBuffer
+    normalizer: RunningNormalizer
+    eta: float
+    batch_size: int
+    discriminator_interval: int
+    discriminator_batch: int
+    discriminator_recent: int | None
+
+    def update(self, count: int) -> dict[str, Tensor]:
+        """Run `count` SAC updates, and the discriminator's between them; returns the last value of each metric."""
+        metrics: dict[str, Tensor] = {}
+        for batch in self.buffer.sample(count * self.batch_size).split(count):
+            metrics |= self._update_discriminator()
+            reward, shares = self._reward(batch)
+            self.normalizer.apply_(batch.observation)
+            self.normalizer.apply_(batch.next_observation)
+            metrics |= shares | self.sac.update(batch, reward)
+        return metrics
+
+    def _update_discriminator(self) -> dict[str, Tensor]:
+        judge = self.discriminator
+        if judge is None or judge.stopped or self.sac.updates % self.discriminator_interval:
+            return {}
+        return judge.update(self.buffer.sample_frames(self.discriminator_batch, self.discriminator_recent))
+
+    def _reward(self, batch: Batch) -> tuple[Tensor, dict[str, Tensor]]:
+        """eta r_env + (1 - eta) r_im with the discriminator as it is now (paper, J(pi))."""
+        if self.discriminator is None:
+            return self.eta * batch.task_reward, {"task_reward": batch.task_reward.mean()}
+        imitation = self.discriminator.reward(batch.frames)
+        reward = self.eta * batch.task_reward + (1 - self.eta) * imitation
+        share = (1 - self.eta) * imitation.mean() / reward.mean().clamp(min=1e-6)
+        return reward, {
+            "task_reward": batch.task_reward.mean(),
+            "imitation_reward": imitation.mean(),
+            "imitation_share": share,
+        }

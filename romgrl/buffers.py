@@ -1,0 +1,135 @@
+"""Replay buffer of the student: time-major rings, next observations by index, frames of the gait beside them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+Mirror = tuple[Tensor, Tensor]
+"""Left-right mirroring of a vector: x[..., permutation] * sign."""
+
+
+@dataclass
+class Batch:
+    """Transitions drawn from the buffer, B rows each."""
+
+    observation: Tensor  # (B, observation_size)
+    action: Tensor  # (B, action_size)
+    next_observation: Tensor  # (B, observation_size)
+    task_reward: Tensor  # (B,)
+    terminated: Tensor  # (B,) 1 where the episode ended in a fall
+    frames: Tensor  # (B, frame_size) window of gait features after the step
+
+    def split(self, parts: int) -> list[Batch]:
+        """Cut into `parts` batches of equal size (views, no copies)."""
+        columns = zip(*(value.chunk(parts) for value in vars(self).values()), strict=True)
+        return [Batch(*column) for column in columns]
+
+
+class ReplayBuffer:
+    """Ring of the last `capacity` transitions of `num_envs` environments.
+
+    The successor of a transition is the next row of the ring. A fallen episode has no successor that matters
+    (its value is zero), and a truncated transition is not sampled, because its successor is not stored.
+    """
+
+    def __init__(
+        self,
+        *,
+        capacity: int,
+        num_envs: int,
+        observation_size: int,
+        action_size: int,
+        frame_size: int,
+        seed: int,
+        device: str = "cpu",
+        mirror_observation: Mirror | None = None,
+        mirror_action: Mirror | None = None,
+        mirror_frames: Mirror | None = None,
+    ) -> None:
+        if capacity < 4 * num_envs:
+            raise ValueError(f"capacity {capacity} holds fewer than 4 steps of {num_envs} environments")
+        self.rows = capacity // num_envs
+        self.num_envs = num_envs
+        shape = (self.rows, num_envs)
+        self.observation = torch.zeros((*shape, observation_size), device=device)
+        self.action = torch.zeros((*shape, action_size), device=device)
+        self.frames = torch.zeros((*shape, frame_size), device=device)
+        self.task_reward = torch.zeros(shape, device=device)
+        self.terminated = torch.zeros(shape, device=device)
+        self.truncated = torch.zeros(shape, dtype=torch.bool, device=device)
+        self.mirrors = (mirror_observation, mirror_action, mirror_frames)
+        self.generator = torch.Generator(device=device).manual_seed(seed)
+        self.added = 0
+
+    def __len__(self) -> int:
+        """Transitions that can be sampled."""
+        return max(0, min(self.added, self.rows - 1) - 1) * self.num_envs
+
+    def add(
+        self,
+        observation: Tensor,
+        action: Tensor,
+        next_observation: Tensor,
+        task_reward: Tensor,
+        terminated: Tensor,
+        truncated: Tensor,
+        frames: Tensor,
+    ) -> None:
+        """Store one step of all environments; `next_observation` is the one after any reset."""
+        row = self.added % self.rows
+        self.observation[row] = observation
+        self.action[row] = action
+        self.task_reward[row] = task_reward
+        self.terminated[row] = terminated
+        self.truncated[row] = truncated
+        self.frames[row] = frames
+        self.observation[(row + 1) % self.rows] = next_observation
+        self.added += 1
+
+    def sample(self, size: int) -> Batch:
+        """Draw `size` transitions with replacement; every second one is mirrored where mirrors were given."""
+        index = self._draw(size, min(self.added, self.rows - 1) - 1)
+        following = (index + self.num_envs) % (self.rows * self.num_envs)
+        batch = Batch(
+            observation=self.observation.flatten(0, 1)[index],
+            action=self.action.flatten(0, 1)[index],
+            next_observation=self.observation.flatten(0, 1)[following],
+            task_reward=self.task_reward.flatten()[index],
+            terminated=self.terminated.flatten()[index],
+            frames=self.frames.flatten(0, 1)[index],
+        )
+        observation, action, frames = self.mirrors
+        _mirror_half(batch.observation, observation)
+        _mirror_half(batch.next_observation, observation)
+        _mirror_half(batch.action, action)
+        _mirror_half(batch.frames, frames)
+        return batch
+
+    def sample_frames(self, size: int, recent: int | None = None) -> Tensor:
+        """Draw windows of gait features, (size, frame_size), from the last `recent` transitions (None: all)."""
+        rows = min(self.added, self.rows - 1) - 1
+        if recent is not None:
+            rows = min(rows, max(1, recent // self.num_envs))
+        frames = self.frames.flatten(0, 1)[self._draw(size, rows)]
+        _mirror_half(frames, self.mirrors[2])
+        return frames
+
+    def _draw(self, size: int, rows: int) -> Tensor:
+        """Flat indices of transitions among the last `rows` rows, the truncated ones replaced by their predecessor."""
+        if rows < 1:
+            raise ValueError("the replay buffer is empty")
+        high = rows * self.num_envs
+        offset = torch.randint(high, (size,), generator=self.generator, device=self.task_reward.device)
+        newest = (self.added - 1) % self.rows * self.num_envs
+        index = (newest + self.num_envs - 1 - offset) % (self.rows * self.num_envs)
+        previous = (index - self.num_envs) % (self.rows * self.num_envs)
+        return torch.where(self.truncated.flatten()[index], previous, index)
+
+
+def _mirror_half(values: Tensor, mirror: Mirror | None) -> None:
+    if mirror is not None:
+        permutation, sign = mirror
+        values[::2] = values[::2][:, permutation] * sign

@@ -1,0 +1,44 @@
+"""Running mean and standard deviation of observations."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+
+class RunningNormalizer:
+    """Standardises observations with the mean and variance of all that it has seen (Chan et al. 1979).
+
+    With `enabled` false it leaves observations as they are.
+    """
+
+    def __init__(self, size: int, *, enabled: bool = True, device: str = "cpu") -> None:
+        self.enabled = enabled
+        self.count = 0
+        self.mean = torch.zeros(size, dtype=torch.float64, device=device)
+        self.square = torch.zeros(size, dtype=torch.float64, device=device)
+        self._shift = torch.zeros(size, device=device)
+        self._scale = torch.ones(size, device=device)
+
+    def update(self, observation: Tensor) -> None:
+        """Take in a batch (N, size)."""
+        if not self.enabled:
+            return
+        values = observation.double()
+        added = len(values)
+        delta = values.mean(0) - self.mean
+        total = self.count + added
+        self.square += (values - values.mean(0)).square().sum(0) + delta.square() * (self.count * added / total)
+        self.mean += delta * (added / total)
+        self.count = total
+        deviation = (self.square / total).sqrt().clamp(min=1e-2)
+        self._shift.copy_(self.mean)
+        self._scale.copy_(1 / deviation)
+
+    def apply_(self, observation: Tensor) -> Tensor:
+        """Standardise in place (B, size)."""
+        return observation.sub_(self._shift).mul_(self._scale) if self.enabled else observation
+
+    def mean_and_scale(self) -> tuple[Tensor, Tensor]:
+        """Shift and scale as they are now: (observation - mean) * scale."""
+        return self._shift.clone(), self._scale.clone()

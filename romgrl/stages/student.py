@@ -1,0 +1,291 @@
+"""Student and baseline: SAC on the planar humanoid, with or without the discriminator (paper section 3.3)."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
+from torch import Tensor
+
+from romgrl.algorithms.discriminator import Discriminator
+from romgrl.algorithms.rom_grl import RomGrl
+from romgrl.algorithms.sac import SAC, save_policy
+from romgrl.artifacts import load_arrays
+from romgrl.buffers import Mirror, ReplayBuffer
+from romgrl.config import Config
+from romgrl.errors import DivergenceError
+from romgrl.gait.windows import FrameWindows, reference_windows, window_mirror
+from romgrl.humanoid import model as humanoid_model
+from romgrl.normalizer import RunningNormalizer
+from romgrl.progress import StageLog
+
+LOG_INTERVAL = 4096
+CHECKPOINT_SECONDS = 60.0
+
+
+def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog) -> None:
+    """Train a student (inputs: reference) or, with eta = 1 and no discriminator, a baseline; write its policy."""
+    env = make_env(config, num_envs=config.student.num_envs)
+    columns = torch.from_numpy(
+        env.compact_columns if config.student.compact_observation else np.arange(env.single_observation_space.shape[0])
+    )
+    windows = FrameWindows(
+        num_envs=env.num_envs,
+        columns=6 if config.discriminator.features == "trunk" else 5,
+        window=config.discriminator.window,
+    )
+    learner = build_learner(config, env, columns, windows, inputs.get("reference"))
+
+    def save() -> None:
+        save_policy(output / "policy.safetensors", learner.sac, columns, *learner.normalizer.mean_and_scale())
+
+    try:
+        train(config, env, columns, windows, learner, log, save)
+    finally:
+        save()
+
+
+def make_env(config: Config, num_envs: int) -> PlanarHumanoidVectorEnv:
+    """The humanoid of the configuration, `num_envs` times."""
+    humanoid = config.humanoid
+    model = humanoid_model.build(
+        xml=humanoid.xml,
+        actuation=humanoid.actuation,
+        height=humanoid.height,
+        mass=humanoid.mass,
+        control_frequency=humanoid.control_frequency,
+        substeps=humanoid.substeps,
+    )
+    return PlanarHumanoidVectorEnv(
+        model=model,
+        num_envs=num_envs,
+        speed=config.speed,
+        alpha=config.student.alpha,
+        episode_steps=humanoid.episode_steps,
+        reset_speed=tuple(humanoid.reset_speed),
+        fall_pelvis_height=humanoid.fall_pelvis_height,
+        fall_head_height=humanoid.fall_head_height,
+        fall_trunk_lean=humanoid.fall_trunk_lean,
+        control_frequency=humanoid.control_frequency,
+        num_threads=config.threads,
+    )
+
+
+def build_learner(
+    config: Config, env: PlanarHumanoidVectorEnv, columns: Tensor, windows: FrameWindows, reference: Path | None
+) -> RomGrl:
+    """Wire agent, discriminator and replay buffer from the configuration."""
+    student, judge = config.student, config.discriminator
+    frame_columns, window = windows.frames.shape[2], windows.frames.shape[1]
+    mirrors: dict[str, Mirror | None] = {"observation": None, "action": None, "frames": None}
+    if student.mirror:
+        mirrors["observation"] = compact_mirror(env.mirror_observation, columns)
+        mirrors["action"] = to_tensors(env.mirror_action)
+        mirrors["frames"] = to_tensors(window_mirror(frame_columns, window))
+    buffer = ReplayBuffer(
+        capacity=student.buffer_size,
+        num_envs=env.num_envs,
+        observation_size=len(columns),
+        action_size=env.single_action_space.shape[0],
+        frame_size=frame_columns * window,
+        seed=config.seed,
+        device=config.device,
+        **{f"mirror_{name}": mirror for name, mirror in mirrors.items()},
+    )
+    sac = SAC(
+        observation_size=len(columns),
+        action_size=env.single_action_space.shape[0],
+        hidden_sizes=list(student.hidden_sizes),
+        layer_norm=student.layer_norm,
+        policy_learning_rate=student.policy_learning_rate,
+        critic_learning_rate=student.critic_learning_rate,
+        temperature_learning_rate=student.temperature_learning_rate,
+        initial_temperature=student.initial_temperature,
+        target_entropy_scale=student.target_entropy_scale,
+        gamma=student.gamma,
+        tau=student.tau,
+        policy_delay=student.policy_delay,
+        critic_target=student.critic_target,
+        policy_average=student.policy_average,
+        seed=config.seed,
+        device=config.device,
+    )
+    return RomGrl(
+        sac=sac,
+        discriminator=build_discriminator(config, window, reference),
+        buffer=buffer,
+        normalizer=RunningNormalizer(len(columns), enabled=student.normalize_observation, device=config.device),
+        eta=config.eta,
+        batch_size=student.batch_size,
+        discriminator_interval=judge.update_interval,
+        discriminator_batch=judge.batch_size,
+        discriminator_recent=judge.recent_steps,
+    )
+
+
+def build_discriminator(config: Config, window: int, reference: Path | None) -> Discriminator | None:
+    """The judge, with the windows of the reference; None for the baseline."""
+    judge = config.discriminator
+    if judge.name == "none" or reference is None:
+        return None
+    arrays = load_arrays(reference / "reference.npz")
+    real = reference_windows(
+        arrays["features"],
+        arrays["episode"],
+        window=window,
+        trunk=judge.features == "trunk",
+        trunk_std=judge.trunk_std,
+        mirror=config.student.mirror,
+        seed=config.seed,
+    )
+    return Discriminator(
+        reference=torch.from_numpy(real),
+        hidden_sizes=list(judge.hidden_sizes),
+        dropout=judge.dropout,
+        learning_rate=judge.learning_rate,
+        penalty_weight=judge.gradient_penalty,
+        label_smoothing=judge.label_smoothing,
+        noise=config.noise,
+        reward_limit=judge.reward_limit,
+        held_out=judge.held_out,
+        patience=judge.patience,
+        standardize=judge.standardize,
+        seed=config.seed,
+        device=config.device,
+    )
+
+
+def train(
+    config: Config,
+    env: PlanarHumanoidVectorEnv,
+    columns: Tensor,
+    windows: FrameWindows,
+    learner: RomGrl,
+    log: StageLog,
+    save: Callable[[], None],
+) -> None:
+    """Act, step and learn: the physics of a step runs beside the updates, which use what was stored before it."""
+    student = config.student
+    device = config.device
+    trunk = windows.frames.shape[2] == 6
+    tally = EpisodeTally(env.num_envs, config.humanoid.control_frequency)
+    observation, info = env.reset(seed=config.seed)
+    current = torch.from_numpy(observation).to(device)[:, columns]
+    windows.restart(frame(info, trunk, ""))
+    due, metrics, saved = 0.0, {}, time.monotonic()
+    with ThreadPoolExecutor(1) as physics:
+        for step in range(0, student.total_steps, env.num_envs):
+            action = explore(learner, current, env, random=step < student.learning_starts)
+            stepping = physics.submit(env.step, action.cpu().numpy())
+            if step >= student.learning_starts:
+                due += student.updates_per_step * env.num_envs
+                metrics |= learner.update(int(due)) if due >= 1 else {}
+                due -= int(due)
+            observation, reward, terminated, truncated, info = stepping.result()
+            following = torch.from_numpy(observation).to(device)[:, columns]
+            learner.buffer.add(
+                current,
+                action,
+                following,
+                *(torch.from_numpy(a) for a in (reward, terminated, truncated)),
+                torch.from_numpy(windows.push(frame(info, trunk, ""))),
+            )
+            learner.normalizer.update(following)
+            finished = terminated | truncated
+            windows.restart(frame(info, trunk, "reset_"), finished)
+            tally.add(info, terminated, finished)
+            current = following
+            done = step + env.num_envs
+            if done % LOG_INTERVAL < env.num_envs or done >= student.total_steps:
+                values = {name: float(value) for name, value in metrics.items()} | tally.take()
+                check_finite(values, done)
+                log.metrics(values | {"updates": float(learner.sac.updates)}, done)
+                log.progress(done, student.total_steps, speed=values["speed"], episode=values["episode_seconds"])
+            if time.monotonic() - saved > CHECKPOINT_SECONDS:
+                save()
+                saved = time.monotonic()
+
+
+def frame(info: dict[str, NDArray[np.float32]], trunk: bool, prefix: str) -> NDArray[np.float32]:
+    """Gait frame (N, 5), or (N, 6) with the trunk inclination; prefix "reset_" for the one after a reset."""
+    features = info[f"{prefix}features"]
+    return np.column_stack((features, info[f"{prefix}trunk_lean"])) if trunk else features
+
+
+def explore(learner: RomGrl, current: Tensor, env: PlanarHumanoidVectorEnv, *, random: bool) -> Tensor:
+    """Actions (N, A) of the exploring policy, uniform ones before learning starts."""
+    if random:
+        shape = (env.num_envs, env.single_action_space.shape[0])
+        return 2 * torch.rand(shape, generator=learner.sac.generator, device=current.device) - 1
+    return learner.sac.act(learner.normalizer.apply_(current.clone()))
+
+
+def compact_mirror(mirror: tuple[NDArray[np.int64], NDArray[np.float32]], columns: Tensor) -> Mirror:
+    """Mirror of the kept columns only; they mirror among themselves, or ValueError."""
+    permutation, sign = mirror
+    place = {int(column): i for i, column in enumerate(columns)}
+    try:
+        kept = [place[int(permutation[column])] for column in place]
+    except KeyError as missing:
+        raise ValueError(f"observation column {missing} is dropped, but its mirror image is kept") from missing
+    return torch.tensor(kept), torch.from_numpy(sign)[columns]
+
+
+def to_tensors(mirror: tuple[NDArray[np.int64], NDArray[np.float32]]) -> Mirror:
+    """A mirror as tensors."""
+    return torch.from_numpy(mirror[0]), torch.from_numpy(mirror[1])
+
+
+def check_finite(values: Mapping[str, float], step: int) -> None:
+    """Stop a training that left the finite numbers."""
+    broken = [f"{name} = {value}" for name, value in values.items() if not math.isfinite(value)]
+    if broken:
+        raise DivergenceError(f"student: {', '.join(broken)} at step {step}; the last checkpoint is kept")
+
+
+class EpisodeTally:
+    """Sums over the steps since the last `take`."""
+
+    def __init__(self, num_envs: int, control_frequency: float) -> None:
+        self.length = np.zeros(num_envs)
+        self.control_frequency = control_frequency
+        self._clear()
+
+    def _clear(self) -> None:
+        self.steps = self.episodes = self.falls = self.diverged = 0
+        self.speed = self.lean = self.finished_length = 0.0
+
+    def add(
+        self, info: Mapping[str, NDArray[np.float32]], terminated: NDArray[np.bool_], finished: NDArray[np.bool_]
+    ) -> None:
+        """Take in one step of all environments."""
+        self.length += 1
+        self.steps += 1
+        self.speed += float(info["forward_velocity"].mean())
+        self.lean += float(info["trunk_lean"].mean())
+        self.diverged += int(info["diverged"].sum())
+        if finished.any():
+            self.episodes += int(finished.sum())
+            self.falls += int(terminated.sum())
+            self.finished_length += float(self.length[finished].sum())
+            self.length[finished] = 0
+
+    def take(self) -> dict[str, float]:
+        """Means since the last call."""
+        episodes = max(1, self.episodes)
+        values = {
+            "speed": self.speed / max(1, self.steps),
+            "trunk_lean_degrees": math.degrees(self.lean / max(1, self.steps)),
+            "episode_seconds": self.finished_length / episodes / self.control_frequency,
+            "fall_share": self.falls / episodes,
+            "diverged": float(self.diverged),
+        }
+        self._clear()
+        return values
