@@ -1,0 +1,53 @@
+# romgrl: `make help` lists the targets.
+SHELL := /bin/bash
+VENV ?= .venv
+PYTHON ?= python3
+BIN := $(VENV)/bin
+PACKAGE := $(VENV)/.package
+ARGS ?=
+export PIP_DISABLE_PIP_VERSION_CHECK := 1
+export PIP_CONSTRAINT := $(CURDIR)/constraints.txt
+
+.DEFAULT_GOAL := help
+.PHONY: help install run test test-slow bench lint format types docs clean
+
+help: ## list the targets
+	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
+
+install: $(PACKAGE) ## make the virtual environment and build the package into it
+
+run: $(PACKAGE) ## train teacher, student and baseline, and compare them (options: ARGS="speed=3 seed=1")
+	$(BIN)/python -m romgrl experiment=quickstart $(ARGS)
+
+test: $(PACKAGE) ## run the tests (under 8 minutes on two cores)
+	$(BIN)/python -m pytest $(ARGS)
+
+test-slow: $(PACKAGE) ## run the tests that train for minutes
+	$(BIN)/python -m pytest -m slow --timeout 3600 $(ARGS)
+
+bench: $(PACKAGE) ## measure the speed of physics and learners on this machine
+	$(BIN)/python -m benchmarks $(ARGS)
+
+lint: $(PACKAGE) ## check style
+	$(BIN)/ruff check . && $(BIN)/ruff format --check .
+
+format: $(PACKAGE) ## format the code
+	$(BIN)/ruff check --fix . ; $(BIN)/ruff format .
+
+types: $(PACKAGE) ## check types
+	$(BIN)/mypy
+
+docs: $(PACKAGE) ## write docs/configuration.md from the schema
+	$(BIN)/python -m romgrl.config_docs
+
+clean: ## remove what was built (results under outputs/ stay)
+	rm -rf $(VENV) build
+
+$(BIN)/python:
+	@PYTHON=$(PYTHON) .ci/system-packages
+	$(PYTHON) -m venv $(VENV)
+
+$(PACKAGE): $(BIN)/python pyproject.toml constraints.txt $(wildcard cpp/*)
+	$(BIN)/python -m pip install --quiet scikit-build-core pybind11 cmake ninja
+	$(BIN)/python -m pip install --quiet --no-build-isolation --editable '.[dev]'
+	@touch $@
