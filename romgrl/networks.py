@@ -19,7 +19,7 @@ ACTIVATIONS: dict[str, type[nn.Module]] = {
 def mlp(
     input_size: int, hidden_sizes: Sequence[int], output_size: int, activation: str, layer_norm: bool = False
 ) -> nn.Sequential:
-    """Linear layers with `activation` between them (layer normalisation before it, if wished); (N, input) -> (N, output).
+    """Linear layers, (N, input) -> (N, output), with `activation` between them, after layer normalisation if wished.
 
     Raises ValueError for an activation that is not in ACTIVATIONS.
     """

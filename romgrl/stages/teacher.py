@@ -1,0 +1,231 @@
+"""Teacher: PPO on the reduced-order model (paper section 3.2)."""
+
+from __future__ import annotations
+
+import csv
+import math
+import os
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from romgrl.algorithms.ppo import PPO, DeterministicPolicy, Rollout, load_policy, save_policy
+from romgrl.config import Config
+from romgrl.errors import DivergenceError
+from romgrl.gait.features import LEFT_X, RIGHT_X, Gait, until_first_fall
+from romgrl.gait.metrics import describe
+from romgrl.humanoid import model as humanoid_model
+from romgrl.networks import all_finite
+from romgrl.progress import StageLog
+from romgrl.rom.parameters import SpringLegParameters
+from romgrl.rom.vector_env import SpringLegVectorEnv
+
+CHECK_EPISODES, CHECK_STEPS = 100, 300
+CHECKPOINT_SECONDS = 30.0
+
+
+def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog) -> None:
+    """Train the teacher; write policy.safetensors, curve.csv (through `log`) and gait.csv of the finished policy."""
+    teacher = config.teacher
+    torch.set_num_threads(thread_count(config))
+    env = make_env(config, num_envs=teacher.num_envs, episode_steps=teacher.episode_steps)
+    ppo = PPO(
+        observation_size=env.single_observation_space.shape[0],
+        action_size=env.single_action_space.shape[0],
+        hidden_sizes=teacher.hidden_sizes,
+        activation=teacher.activation,
+        learning_rate=teacher.learning_rate,
+        gamma=teacher.gamma,
+        gae_lambda=teacher.gae_lambda,
+        clip_ratio=teacher.clip_ratio,
+        epochs=teacher.epochs,
+        minibatch_size=teacher.minibatch_size,
+        value_coefficient=teacher.value_coefficient,
+        entropy_coefficient=teacher.entropy_coefficient,
+        max_gradient_norm=teacher.max_gradient_norm,
+        initial_log_std=teacher.initial_log_std,
+        mirror_observation=env.mirror_observation if teacher.mirror else None,
+        mirror_action=env.mirror_action if teacher.mirror else None,
+        seed=config.seed,
+        device=config.device,
+    )
+    path = output / "policy.safetensors"
+    try:
+        train(config, env, ppo, log, save=lambda: save_policy(path, ppo))
+    except KeyboardInterrupt:
+        save_policy(path, ppo)
+        raise
+    finally:
+        env.close()
+    save_policy(path, ppo)
+    row = describe(check_gait(config, load_policy(path)), target_speed=teacher.speed)
+    write_row(output / "gait.csv", {"walker": "teacher", **row})
+    log.message(
+        f"{row['falls']:.0f} falls in {CHECK_EPISODES} episodes, {row['mean_speed_m_per_s']:.2f} m/s, "
+        f"left-right correlation {row['left_right_correlation']:.2f}, {row['stride_frequency_hz']:.2f} strides/s"
+    )
+
+
+def train(config: Config, env: SpringLegVectorEnv, ppo: PPO, log: StageLog, save: Callable[[], None]) -> None:
+    """Collect a rollout, update, until `total_steps` are done; DivergenceError if a number is not finite."""
+    teacher = config.teacher
+    rollout = Rollout(
+        steps=teacher.rollout_steps,
+        num_envs=env.num_envs,
+        observation_size=env.single_observation_space.shape[0],
+        action_size=env.single_action_space.shape[0],
+        device=config.device,
+    )
+    tally = EpisodeTally(env.num_envs, teacher.rollout_steps)
+    observation, _ = env.reset(seed=config.seed)
+    done, saved = 0, time.monotonic()
+    while done < teacher.total_steps:
+        observation = collect(env, ppo, rollout, observation, tally)
+        decay = 1.0 - done / teacher.total_steps if teacher.learning_rate_decay else 1.0
+        losses = ppo.update(rollout, learning_rate_scale=decay)
+        done += teacher.rollout_steps * env.num_envs
+        gait = tally.take()
+        check_finite(losses, ppo, done)
+        log.metrics(gait | losses, done)
+        log.progress(done, teacher.total_steps, speed=gait["speed"], correlation=gait["left_right_correlation"])
+        if time.monotonic() - saved > CHECKPOINT_SECONDS:
+            save()
+            saved = time.monotonic()
+
+
+def collect(
+    env: SpringLegVectorEnv, ppo: PPO, rollout: Rollout, observation: NDArray[np.float32], tally: EpisodeTally
+) -> NDArray[np.float32]:
+    """Fill `rollout` with the exploring policy; returns the observation that the next one starts from."""
+    for step in range(len(rollout.rewards)):
+        seen = torch.from_numpy(observation).to(ppo.device)
+        action, log_probability = ppo.act(seen)
+        rollout.store_action(step, seen, action, log_probability)
+        observation, reward, terminated, truncated, info = env.step(action.clamp(-1.0, 1.0).cpu().numpy())
+        rollout.store_outcome(step, reward, terminated, truncated, info["final_obs"])
+        tally.add(step, reward, terminated, truncated, info)
+    return observation
+
+
+def check_finite(losses: Mapping[str, float], ppo: PPO, step: int) -> None:
+    """Stop a training that left the finite numbers."""
+    broken = [f"{name} = {value}" for name, value in losses.items() if not math.isfinite(value)]
+    if not broken and not all_finite(ppo.parameters):
+        broken = ["weights are not finite"]
+    if broken:
+        raise DivergenceError(f"teacher: {', '.join(broken)} at step {step}; the last checkpoint is kept")
+
+
+class EpisodeTally:
+    """What the log says of one rollout of `steps` steps."""
+
+    def __init__(self, num_envs: int, steps: int) -> None:
+        self.episode_return, self.length = np.zeros(num_envs), np.zeros(num_envs)
+        self.feet = np.zeros((steps, num_envs, 2), np.float32)
+        self.velocity = np.zeros((steps, num_envs), np.float32)
+        self.finished: list[tuple[float, float]] = []
+        self.falls = 0
+
+    def add(
+        self,
+        step: int,
+        reward: NDArray[np.float32],
+        terminated: NDArray[np.bool_],
+        truncated: NDArray[np.bool_],
+        info: Mapping[str, Any],
+    ) -> None:
+        """Take in one step of all environments."""
+        self.feet[step] = info["features"][:, [LEFT_X, RIGHT_X]]
+        self.velocity[step] = info["forward_velocity"]
+        self.episode_return += reward
+        self.length += 1
+        done = terminated | truncated
+        if done.any():
+            self.finished += zip(self.episode_return[done].tolist(), self.length[done].tolist(), strict=True)
+            self.falls += int(terminated.sum())
+            self.episode_return[done] = self.length[done] = 0.0
+
+    def take(self) -> dict[str, float]:
+        """Means over the rollout; `episode_return` and `episode_length` only if an episode ended in it."""
+        centred = self.feet - self.feet.mean(axis=0)
+        spread = np.sqrt((centred**2).sum(axis=0).prod(axis=-1)) + 1e-9
+        values = {
+            "speed": float(self.velocity.mean()),
+            "left_right_correlation": float((centred.prod(axis=-1).sum(axis=0) / spread).mean()),
+            "falls": float(self.falls),
+        }
+        if self.finished:
+            returns, lengths = np.mean(self.finished, axis=0)
+            values |= {"episode_return": float(returns), "episode_length": float(lengths)}
+        self.finished, self.falls = [], 0
+        return values
+
+
+def check_gait(config: Config, policy: DeterministicPolicy) -> Gait:
+    """CHECK_EPISODES x CHECK_STEPS of the finished policy, from resets that the training did not see."""
+    env = make_env(config, num_envs=CHECK_EPISODES, episode_steps=CHECK_STEPS + 1)
+    return record(env, policy, steps=CHECK_STEPS, seed=config.seed + 10_000)
+
+
+def record(env: SpringLegVectorEnv, policy: DeterministicPolicy, *, steps: int, seed: int) -> Gait:
+    """One episode of `steps` steps in each environment; what follows a fall is marked invalid."""
+    features = np.zeros((env.num_envs, steps, 5), np.float32)
+    velocity = np.zeros((env.num_envs, steps), np.float32)
+    contact = np.zeros((env.num_envs, steps, 2), bool)
+    upright = np.ones((env.num_envs, steps), bool)
+    observation, _ = env.reset(seed=seed)
+    for step in range(steps):
+        observation, _, terminated, _, info = env.step(policy(observation))
+        features[:, step], velocity[:, step] = info["features"], info["forward_velocity"]
+        contact[:, step], upright[:, step] = info["contact"], ~terminated
+    dt = 1.0 / float(env.metadata["render_fps"])
+    fallen = ~upright.all(axis=1)
+    return Gait(features, until_first_fall(upright), fallen, dt, velocity=velocity, contact=contact)
+
+
+def thread_count(config: Config) -> int:
+    """Threads of physics and networks; 0 in the configuration means all cores."""
+    return config.threads or os.cpu_count() or 1
+
+
+def make_env(config: Config, *, num_envs: int, episode_steps: int) -> SpringLegVectorEnv:
+    """The reduced-order model of the configuration, `num_envs` times."""
+    return SpringLegVectorEnv(
+        parameters=rom_parameters(config),
+        num_envs=num_envs,
+        speed=config.teacher.speed,
+        control_frequency=config.humanoid.control_frequency,
+        episode_steps=episode_steps,
+        reward=config.teacher.reward,
+        alpha=config.teacher.alpha,
+        num_threads=thread_count(config),
+    )
+
+
+def rom_parameters(config: Config) -> SpringLegParameters:
+    """Parameters of the reduced-order model; those that are null come from the humanoid (design of the features)."""
+    humanoid = config.humanoid
+    model = humanoid_model.build(
+        xml=humanoid.xml,
+        actuation=humanoid.actuation,
+        height=humanoid.height,
+        mass=humanoid.mass,
+        control_frequency=humanoid.control_frequency,
+        substeps=humanoid.substeps,
+    )
+    sizes = humanoid_model.dimensions(model)
+    values = {name: value for name, value in vars(config.rom).items() if name != "name"}
+    defaults = {"mass": sizes.mass, "leg_length": sizes.leg_length, "foot_radius": sizes.ankle_height}
+    values |= {name: value for name, value in defaults.items() if values[name] is None}
+    return SpringLegParameters(**values)
+
+
+def write_row(path: Path, row: Mapping[str, float | str]) -> None:
+    """One row of CSV with its header."""
+    with path.open("w", newline="") as file:
+        csv.writer(file).writerows([row.keys(), row.values()])
