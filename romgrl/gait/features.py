@@ -2,14 +2,15 @@
 
     features[t] = [y_com, x_left, y_left, x_right, y_right]      float32, metres, x forward, y up
 
-y_com is the height of the body above the ground; the ankles follow, relative to the body. The body is the pelvis origin of
-the humanoid or the trunk centre of the reduced-order model, the ankle the joint or the centre of the foot circle.
+y_com is the height of the body above the ground; the ankles follow, relative to the body. The body is the pelvis origin
+of the humanoid or the trunk centre of the reduced-order model, the ankle the joint or the centre of the foot circle.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +30,7 @@ def mirrored(features: Floats) -> Floats:
 
 def until_first_fall(upright: Bools) -> Bools:
     """True from the start of each episode up to, not including, the first step that is not upright. Shape: (E, T)."""
-    return np.logical_and.accumulate(upright, axis=1)
+    return np.asarray(np.logical_and.accumulate(upright, axis=1), bool)
 
 
 @dataclass(frozen=True)
@@ -67,7 +68,7 @@ def gait_from_rollouts(arrays: Mapping[str, NDArray[np.generic]], name: str) -> 
     return Gait(
         features=np.asarray(arrays[f"{name}_features"], float),
         valid=until_first_fall(upright),
-        fallen=~upright.all(axis=1),
+        fallen=np.logical_not(upright.all(axis=1)),
         dt=float(arrays["dt"]),
         velocity=_float(optional("velocity")),
         contact=None if contact is None else np.asarray(contact, bool),
@@ -77,9 +78,9 @@ def gait_from_rollouts(arrays: Mapping[str, NDArray[np.generic]], name: str) -> 
 
 
 def gait_from_reference(arrays: Mapping[str, NDArray[np.generic]]) -> Gait:
-    """The teacher's rollout of reference.npz: `features` (N, 5), `episode` (N,), `dt`, optionally `contact`, `velocity`, `power`.
+    """The teacher's rollout, reference.npz: `features` (N, 5), `episode` (N,), `dt`, optionally other fields of Gait.
 
-    A change of the episode number starts a new episode. The reference's trunk is locked upright unless `trunk_lean` is there.
+    A change of the episode number starts a new episode.
     """
     bounds = episode_bounds(np.asarray(arrays["episode"]))
     lengths = [stop - start for start, stop in bounds]
@@ -115,7 +116,7 @@ def episode_bounds(episode: NDArray[np.generic]) -> list[tuple[int, int]]:
         raise ValueError("a reference needs at least one step")
     cuts = np.flatnonzero(episode[1:] != episode[:-1]) + 1
     edges = [0, *cuts.tolist(), len(episode)]
-    return list(zip(edges[:-1], edges[1:], strict=True))
+    return list(pairwise(edges))
 
 
 def _float(values: NDArray[np.generic] | None) -> Floats | None:

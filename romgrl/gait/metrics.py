@@ -1,19 +1,24 @@
 """A gait in numbers. Free functions on arrays: features (E, T, 5) m, contact (E, T, 2), velocity (E, T) m/s, dt s.
 
-`valid` (E, T) marks the steps that count, as one run from each episode's start (None: all); what follows a fall never counts.
+`valid` (E, T) marks the steps that count, one run from each episode's start (None: all); what follows a fall does not.
 Every function averages over episodes and returns nan where no episode is long enough to tell.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import pairwise
+from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from romgrl.gait.features import BODY_Y, LEFT_X, LEFT_Z, RIGHT_X, RIGHT_Z, Bools, Floats, Gait
+from romgrl.gait.periodicity import concordance, frequency, lag
+
+Scalar = TypeVar("Scalar", bound=np.generic)
 
 GRAVITY = 9.81
-SLOWEST_STRIDE, FASTEST_STRIDE = 0.3, 5.0  # strides/s, the band searched
 SETTLING_TIME = 2.0  # s from reset until a gait is called steady
 
 
@@ -35,11 +40,10 @@ def speed_error(velocity: Floats, target: float, valid: Bools | None = None, ski
 def stride_frequency(features: Floats, dt: float, valid: Bools | None = None) -> float:
     """Strides per second from the autocorrelation of both feet's x; median over episodes.
 
-    The period is the earliest autocorrelation peak that reaches 0.8 of the highest one within 0.2-3.3 s (so that no multiple is
-    taken for the stride), refined at the last multiple inside half the episode. A stride is two steps, touchdown to touchdown
-    of the same foot (Winter, Biomechanics and Motor Control of Human Movement, ch. 3).
+    A stride is two steps, touchdown to touchdown of the same foot (Winter, Biomechanics and Motor Control of Human
+    Movement, ch. 3); the period is found by `periodicity.frequency`.
     """
-    rates = [_episode_stride_frequency(e[:, [LEFT_X, RIGHT_X]], dt) for e in _episodes(features, valid)]
+    rates = [frequency(e[:, [LEFT_X, RIGHT_X]], dt) for e in _episodes(features, valid)]
     return _nanmedian(rates)
 
 
@@ -56,16 +60,16 @@ def left_right_correlation(features: Floats, valid: Bools | None = None) -> floa
 def left_right_symmetry(features: Floats, dt: float, valid: Bools | None = None) -> float:
     """How well the right foot repeats the left foot's motion some time later: 1 exactly, 0 not at all.
 
-    Largest over one stride of time shifts of Lin's concordance correlation 2 cov / (var_L + var_R + (mean_L - mean_R)^2)
-    (Lin 1989, Biometrics 45:255) of left and right foot x; differences of timing, amplitude and offset all lower it.
+    Largest, over time shifts within one stride, concordance correlation (Lin 1989, Biometrics 45:255) of left and right
+    foot x: 2 cov / (var_L + var_R + (mean_L - mean_R)^2); differences of shape, amplitude and offset all lower it.
     """
     values = []
     for episode in _episodes(features, valid):
-        rate = _episode_stride_frequency(episode[:, [LEFT_X, RIGHT_X]], dt)
+        rate = frequency(episode[:, [LEFT_X, RIGHT_X]], dt)
         if np.isfinite(rate):
             shifts = np.arange(0.0, 1.0 / (rate * dt), 0.25)
             left, right = episode[:, LEFT_X], episode[:, RIGHT_X]
-            values.append(max(_concordance(left, right, shift) for shift in shifts))
+            values.append(max(concordance(left, right, shift) for shift in shifts))
     return _nanmean(values)
 
 
@@ -78,7 +82,7 @@ def body_excursion(features: Floats, dt: float, valid: Bools | None = None) -> f
     """Highest minus lowest body height within a stride, mean over strides, m."""
     values = []
     for episode in _episodes(features, valid):
-        rate = _episode_stride_frequency(episode[:, [LEFT_X, RIGHT_X]], dt)
+        rate = frequency(episode[:, [LEFT_X, RIGHT_X]], dt)
         if np.isfinite(rate):
             length = round(1.0 / (rate * dt))
             strides = episode[: len(episode) // length * length, BODY_Y].reshape(-1, length)
@@ -92,9 +96,9 @@ def trunk_lean_degrees(trunk_lean: Floats, valid: Bools | None = None) -> float:
 
 
 def cost_of_transport(power: Floats, velocity: Floats, mass: float, valid: Bools | None = None) -> float:
-    """Mechanical cost of transport: sum |torque x omega| dt / (m g d), d = sum v dt (Collins et al. 2005, Science 307:1082).
+    """Mechanical cost of transport: sum |torque x omega| dt / (m g d), d = sum v dt.
 
-    power: (E, T) W, summed over joints. nan where the walker does not move forward.
+    Collins et al. 2005, Science 307:1082. power: (E, T) W, summed over joints. nan where nothing moves forward.
     """
     speed = _masked_mean(velocity, valid)
     return _masked_mean(power, valid) / (mass * GRAVITY * speed) if speed > 1e-3 else float("nan")
@@ -103,8 +107,8 @@ def cost_of_transport(power: Floats, velocity: Floats, mass: float, valid: Bools
 def infer_contact(features: Floats, velocity: Floats, dt: float, valid: Bools | None = None) -> Bools:
     """Feet on the ground, guessed from motion alone: the ankle is low and nearly still over the ground.
 
-    Low: within 6 cm of the 2nd percentile of that ankle's height; still: |v + d x_foot / dt| below 0.3 m/s or 40% of the mean
-    speed. For walkers that record no contact forces. Shape of the result: (E, T, 2), left and right.
+    Low: within 6 cm of the 2nd percentile of that ankle's height; still: |v + d x_foot / dt| below 0.3 m/s or 40% of
+    the mean speed. For walkers that record no contact forces. Shape of the result: (E, T, 2), left and right.
     """
     contact = np.zeros((*features.shape[:2], 2), bool)
     limit = max(0.3, 0.4 * abs(np.nan_to_num(_masked_mean(velocity, valid))))
@@ -121,16 +125,17 @@ def infer_contact(features: Floats, velocity: Floats, dt: float, valid: Bools | 
 
 
 def touchdowns(contact: Bools) -> list[int]:
-    """Steps at which one foot lands. contact: (T,). Gaps of a single step are closed first: at 30 Hz they are chatter."""
+    """Steps at which one foot lands. contact: (T,). Gaps of one step are closed first: at 30 Hz they are chatter."""
     closed = contact.copy()
     closed[1:-1] |= contact[:-2] & contact[2:]
     return (np.flatnonzero(closed[1:] & ~closed[:-1]) + 1).tolist()
 
 
 def duty_factor(contact: Bools, valid: Bools | None = None) -> float:
-    """Share of a stride that a foot is on the ground, mean over feet: below 0.5 running (Alexander 1989, Physiol. Rev. 69:1199).
+    """Share of a stride that a foot is on the ground, mean over feet: below 0.5 the gait is a run.
 
-    Counted over whole strides, first to last touchdown of each foot; over all steps where a foot lands less than twice.
+    Alexander 1989, Physiol. Rev. 69:1199. Counted over whole strides, first to last touchdown of each foot; over all
+    steps where a foot lands less than twice.
     """
     values = []
     for episode in _episodes(contact, valid):
@@ -147,36 +152,33 @@ def touchdown_phase(contact: Bools, valid: Bools | None = None) -> float:
     phases: list[float] = []
     for episode in _episodes(contact, valid):
         left, right = touchdowns(episode[:, 0]), touchdowns(episode[:, 1])
-        for start, stop in zip(left[:-1], left[1:], strict=True):
+        for start, stop in pairwise(left):
             phases += [(landing - start) / (stop - start) for landing in right if start <= landing < stop]
     if not phases:
         return float("nan")
     return float(np.angle(np.exp(2j * np.pi * np.asarray(phases)).mean()) / (2 * np.pi) % 1.0)
 
 
-def phase_lag(windows: Floats, reference_windows: Floats, dt: float, frequency: float) -> tuple[float, float]:
-    """Time that the feet's x stay behind the reference after the common alignment: (seconds, strides), mean of |lag|.
+def phase_lag(windows: Floats, reference_windows: Floats, dt: float, rate: float) -> tuple[float, float]:
+    """Time that each foot's x is still off the reference after the common alignment: (seconds, strides), mean of |lag|.
 
-    windows, reference_windows: (E, W, 5), already aligned in pairs; frequency: strides/s of the reference. The lag of a foot is
-    the shift within +- half a stride at which its cross-correlation with the reference peaks (parabola through the peak).
+    windows, reference_windows: (E, W, 5), already aligned in pairs; rate: strides/s of the reference. The lag of a
+    foot is the shift within +- half a stride where its cross-correlation with the reference peaks.
     """
-    if not len(windows) or not np.isfinite(frequency):
+    if not len(windows) or not np.isfinite(rate):
         return float("nan"), float("nan")
-    reach = max(1, int(0.5 / (frequency * dt)))
-    lags = []
-    for window, reference in zip(windows, reference_windows, strict=True):
-        for x in (LEFT_X, RIGHT_X):
-            a, b = window[:, x] - window[:, x].mean(), reference[:, x] - reference[:, x].mean()
-            shifts = np.arange(-reach, reach + 1)
-            score = np.array([_overlap_correlation(a, b, int(shift)) for shift in shifts])
-            best = int(score.argmax())
-            lags.append(abs(shifts[best] + _parabola(score, best)) * dt)
+    reach = max(1, int(0.5 / (rate * dt)))
+    lags = [
+        abs(lag(window[:, x], reference[:, x], reach)) * dt
+        for window, reference in zip(windows, reference_windows, strict=True)
+        for x in (LEFT_X, RIGHT_X)
+    ]
     seconds = float(np.mean(lags))
-    return seconds, seconds * frequency
+    return seconds, seconds * rate
 
 
 def describe(gait: Gait, *, target_speed: float, mass: float | None = None) -> dict[str, float]:
-    """One row of gait.csv: every metric of this file that the recording allows, nan elsewhere; names carry the units."""
+    """One row of gait.csv: every metric of this file that the recording allows, nan elsewhere; names carry units."""
     nan = float("nan")
     features, valid, dt = gait.features, gait.valid, gait.dt
     row: dict[str, float] = {
@@ -213,7 +215,7 @@ def describe(gait: Gait, *, target_speed: float, mass: float | None = None) -> d
     return row
 
 
-def _episodes(values: Floats | Bools, valid: Bools | None) -> Iterator[Floats | Bools]:
+def _episodes(values: NDArray[Scalar], valid: Bools | None) -> Iterator[NDArray[Scalar]]:
     """The valid steps of each episode."""
     for index, episode in enumerate(values):
         yield episode if valid is None else episode[valid[index]]
@@ -223,58 +225,6 @@ def _masked_mean(values: Floats, valid: Bools | None, skip: int = 0) -> float:
     mask = np.ones(values.shape, bool) if valid is None else valid.copy()
     mask[:, :skip] = False
     return float(values[mask].mean()) if mask.any() else float("nan")
-
-
-def _episode_stride_frequency(feet: Floats, dt: float) -> float:
-    """Strides/s of one episode's foot motion (T, F), nan where nothing repeats."""
-    steps = len(feet)
-    shortest, longest = (
-        max(2, int(1.0 / (FASTEST_STRIDE * dt))),
-        min(int(1.0 / (SLOWEST_STRIDE * dt)), int(0.75 * steps)),
-    )
-    centred = feet - feet.mean(axis=0)
-    if longest - shortest < 3 or centred.std() < 1e-6:
-        return float("nan")
-    spectrum = np.fft.rfft(centred, 2 * steps, axis=0)
-    correlation = np.fft.irfft(np.abs(spectrum) ** 2, axis=0)[:steps].sum(axis=1) / np.arange(steps, 0, -1)
-    correlation /= correlation[0]
-    inner = np.arange(shortest, longest)
-    peaks = inner[(correlation[inner] >= correlation[inner - 1]) & (correlation[inner] > correlation[inner + 1])]
-    peaks = peaks[correlation[peaks] > 0.3]
-    if not len(peaks):
-        return float("nan")
-    first = int(peaks[correlation[peaks] >= 0.8 * correlation[peaks].max()][0])
-    period = first + _parabola(correlation, first)
-    for multiple in range(2, int(0.5 * steps / period) + 1):
-        centre = round(multiple * period)
-        near = np.arange(max(centre - first // 4, 1), min(centre + first // 4 + 1, steps - 1))
-        best = int(near[correlation[near].argmax()])
-        period = (best + _parabola(correlation, best)) / multiple
-    return 1.0 / (period * dt)
-
-
-def _parabola(values: Floats, index: int) -> float:
-    """Offset in (-0.5, 0.5) of the vertex of the parabola through a peak and its neighbours."""
-    if not 0 < index < len(values) - 1:
-        return 0.0
-    left, centre, right = values[index - 1 : index + 2]
-    curvature = left - 2 * centre + right
-    return float(np.clip(0.5 * (left - right) / curvature, -0.5, 0.5)) if curvature < 0 else 0.0
-
-
-def _concordance(left: Floats, right: Floats, shift: float) -> float:
-    """Lin's concordance of left(t) with right(t + shift), shift in steps, linear interpolation."""
-    times = np.arange(len(left) - int(np.ceil(shift)))
-    a, b = left[times], np.interp(times + shift, np.arange(len(right)), right)
-    scale = a.var() + b.var() + (a.mean() - b.mean()) ** 2
-    return float(2 * ((a - a.mean()) * (b - b.mean())).mean() / scale) if scale > 1e-12 else 1.0
-
-
-def _overlap_correlation(a: Floats, b: Floats, shift: int) -> float:
-    """Correlation of a(t + shift) with b(t) over the steps they share."""
-    first, second = (a[shift:], b[: len(b) - shift]) if shift >= 0 else (a[:shift], b[-shift:])
-    norm = np.sqrt((first**2).sum() * (second**2).sum())
-    return float((first * second).sum() / norm) if norm > 1e-12 else 0.0
 
 
 def _nanmean(values: list[float]) -> float:

@@ -1,0 +1,170 @@
+"""Distance between gaits that start at different phases.
+
+The last `window` steps of each episode without a fall are laid over every window of the reference that lies within one
+of its episodes. One common time shift for all five channels, no time warping: the one with the least variance-normalised
+error
+
+    shift = argmin_s sum_c mean_t (a[t, c] - b[s + t, c])^2 / var_c,      var_c: variance of channel c of the reference.
+
+What is reported is the plain mean squared error of each channel at that shift, in m^2, mean over episodes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from romgrl.gait.features import CHANNELS, Floats, Gait
+from romgrl.gait.metrics import phase_lag, stride_frequency
+
+ALIGNMENTS = ("aligned", "raw")
+NOT_COMPARABLE = "not comparable"
+SMALLEST_VARIANCE = 1e-8  # m^2; a channel that does not move must not divide by zero
+
+
+@dataclass(frozen=True)
+class Alignment:
+    """Windows (E, W, 5) m, the reference windows (E, W, 5) they were laid over, the error (E, 5) m^2 of each pair."""
+
+    windows: Floats
+    matched: Floats
+    mse: Floats
+
+
+def last_windows(episodes: list[Floats], window: int) -> Floats:
+    """The last `window` steps of every episode (T_i, 5) that has as many: (E, W, 5)."""
+    kept = [episode[-window:] for episode in episodes if len(episode) >= window]
+    return np.asarray(kept, float).reshape(-1, window, len(CHANNELS))
+
+
+def all_windows(episodes: list[Floats], window: int) -> Floats:
+    """Every run of `window` steps that stays within one episode: (S, W, 5), a copy. ValueError where there is none."""
+    views = [np.lib.stride_tricks.sliding_window_view(e, window, axis=0) for e in episodes if len(e) >= window]
+    if not views:
+        longest = max((len(e) for e in episodes), default=0)
+        raise ValueError(f"no episode of the reference has {window} steps, the longest has {longest}")
+    return np.concatenate(views).transpose(0, 2, 1).astype(float)
+
+
+def align(windows: Floats, reference: list[Floats], *, raw: bool = False) -> Alignment:
+    """Lay each of `windows` (E, W, 5) over the reference's episodes (T_i, 5); raw: over the first window, no shift."""
+    candidates = all_windows(reference, windows.shape[1])
+    if raw or not len(windows):
+        best = np.zeros(len(windows), int)
+    else:
+        variance = np.maximum(np.concatenate(reference).var(axis=0), SMALLEST_VARIANCE)
+        # |a - b|^2 = |a|^2 - 2 a.b + |b|^2, and |a|^2 does not move the minimum over b
+        a = (windows / np.sqrt(variance)).reshape(len(windows), -1)
+        b = (candidates / np.sqrt(variance)).reshape(len(candidates), -1)
+        best = ((b**2).sum(axis=1) - 2 * a @ b.T).argmin(axis=1)
+    matched = candidates[best]
+    return Alignment(windows, matched, ((windows - matched) ** 2).mean(axis=1))
+
+
+def floor(reference: list[Floats], window: int, *, raw: bool = False) -> Floats:
+    """Teacher against teacher, (5,) m^2: windows of each reference episode laid over the other episodes, their mean.
+
+    The windows of an episode do not overlap. A reference of one episode has its last window laid over what comes
+    before; nan where even that is too short.
+    """
+    if len(reference) == 1:
+        reference = [reference[0][:-window], reference[0][-window:]]
+        queries = {1: reference[1][None]}
+    else:
+        queries = {i: _split(episode, window) for i, episode in enumerate(reference)}
+    errors = []
+    for index, query in queries.items():
+        others = [e for i, e in enumerate(reference) if i != index and len(e) >= window]
+        if others and len(query):
+            errors.append(align(query, others, raw=raw).mse)
+    return np.concatenate(errors).mean(axis=0) if errors else np.full(len(CHANNELS), np.nan)
+
+
+def mse_table(*, reference: Gait, student: Gait, baseline: Gait, window: int) -> pd.DataFrame:
+    """mse.csv: one row per channel and alignment, and their average.
+
+    baseline, student, teacher_floor: mean squared error against the reference in m^2. student_episodes,
+    baseline_episodes: episodes without a fall, of student_total and baseline_total. reduction_percent:
+    100 (1 - student / baseline); in the average row the mean of the five channels' reductions, as in the paper's table,
+    while reduction_of_average_percent is the reduction of the averaged error, which the channels with the largest errors
+    rule. A walker upright in fewer than half of its episodes has no error, and note says "not comparable".
+    """
+    teacher = reference.upright_episodes
+    note = "; ".join(filter(None, (_objection("student", student), _objection("baseline", baseline)))) or "ok"
+    counts = {
+        f"{name}_{what}": number
+        for name, gait in (("student", student), ("baseline", baseline))
+        for what, number in (("episodes", int((~gait.fallen).sum())), ("total", len(gait.fallen)))
+    }
+    rows = []
+    for alignment in ALIGNMENTS:
+        raw = alignment == "raw"
+        errors = {
+            "baseline": _mean_error("baseline", baseline, teacher, window, raw=raw),
+            "student": _mean_error("student", student, teacher, window, raw=raw),
+            "teacher_floor": floor(teacher, window, raw=raw),
+        }
+        reduction = _reduction(errors["student"], errors["baseline"])
+        for index, channel in enumerate(CHANNELS):
+            values = {name: error[index] for name, error in errors.items()}
+            rows.append((channel, alignment, values, reduction[index], reduction[index]))
+        values = {name: error.mean() for name, error in errors.items()}
+        pooled = _reduction(values["student"], values["baseline"])
+        rows.append(("average", alignment, values, reduction.mean(), pooled))
+    return pd.DataFrame(
+        {
+            "channel": channel,
+            "alignment": alignment,
+            "baseline": values["baseline"],
+            "student": values["student"],
+            "reduction_percent": reduction_percent,
+            "reduction_of_average_percent": pooled,
+            "teacher_floor": values["teacher_floor"],
+            **counts,
+            "note": note,
+        }
+        for channel, alignment, values, reduction_percent, pooled in rows
+    )
+
+
+def aligned_phase_lag(gait: Gait, reference: Gait, window: int) -> tuple[float, float]:
+    """`metrics.phase_lag` of the upright episodes' last windows against the teacher: (seconds, teacher's strides)."""
+    teacher = reference.upright_episodes
+    pairs = align(last_windows(gait.upright_episodes, window), teacher)
+    return phase_lag(
+        pairs.windows, pairs.matched, gait.dt, stride_frequency(reference.features, gait.dt, reference.valid)
+    )
+
+
+def comparable(gait: Gait) -> bool:
+    """At least half of the episodes have no fall."""
+    return bool(2 * (~gait.fallen).sum() >= len(gait.fallen))
+
+
+def _objection(name: str, gait: Gait) -> str:
+    if comparable(gait):
+        return ""
+    return f"{NOT_COMPARABLE}: {name} upright in {int((~gait.fallen).sum())} of {len(gait.fallen)} episodes"
+
+
+def _mean_error(name: str, gait: Gait, teacher: list[Floats], window: int, *, raw: bool) -> Floats:
+    if not comparable(gait):
+        return np.full(len(CHANNELS), np.nan)
+    windows = last_windows(gait.upright_episodes, window)
+    if not len(windows):
+        raise ValueError(f"the episodes of the {name} are shorter than the window of {window} steps")
+    return align(windows, teacher, raw=raw).mse.mean(axis=0)
+
+
+def _reduction(student: Floats, baseline: Floats) -> Floats:
+    """100 (1 - student / baseline); nan where the baseline has no error to reduce."""
+    student, baseline = np.asarray(student, float), np.asarray(baseline, float)
+    return np.asarray(100.0 * (1.0 - student / np.where(baseline > 0, baseline, np.nan)))
+
+
+def _split(episode: Floats, window: int) -> Floats:
+    """Windows of an episode that do not overlap: (n, W, 5)."""
+    count = len(episode) // window
+    return episode[: count * window].reshape(count, window, len(CHANNELS))

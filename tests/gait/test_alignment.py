@@ -1,0 +1,168 @@
+import numpy as np
+import pytest
+
+from romgrl.gait import alignment
+from romgrl.gait.features import CHANNELS, Floats, Gait, gait_from_reference, gait_from_rollouts
+from tests.gait.synthetic import DT, run
+
+
+def gait(features: Floats, fallen: int = 0) -> Gait:
+    """All upright but the first `fallen` episodes, which fall at step 50."""
+    valid = np.ones(features.shape[:2], bool)
+    valid[:fallen, 50:] = False
+    return Gait(features, valid, np.arange(len(features)) < fallen, DT)
+
+
+def brute_force(window: Floats, reference: list[Floats]) -> tuple[float, Floats]:
+    """Least variance-normalised error and the channel errors at it, by three plain loops."""
+    variance = np.concatenate(reference).var(axis=0)
+    best, channels = np.inf, np.zeros(5)
+    for episode in reference:
+        for start in range(len(episode) - len(window) + 1):
+            errors = np.array(
+                [np.mean((window[:, c] - episode[start : start + len(window), c]) ** 2) for c in range(5)]
+            )
+            if (score := float((errors / variance).sum())) < best:
+                best, channels = score, errors
+    return best, channels
+
+
+def test_equals_brute_force() -> None:
+    rng = np.random.default_rng(3)
+    reference = [rng.standard_normal((n, 5)) * [0.1, 1, 0.2, 1, 0.2] for n in (61, 40, 55)]
+    windows = rng.standard_normal((4, 30, 5))
+    result = alignment.align(windows, reference)
+    for window, mse in zip(windows, result.mse, strict=True):
+        np.testing.assert_allclose(mse, brute_force(window, reference)[1], rtol=1e-12)
+
+
+def test_recovers_a_known_shift() -> None:
+    features, _ = run(episodes=3, steps=400, noise=0.01)
+    query = features[1, 137:237] + 0.02
+    result = alignment.align(query[None], list(features))
+    np.testing.assert_array_equal(result.matched[0], features[1, 137:237])
+    np.testing.assert_allclose(result.mse[0], 0.02**2, rtol=1e-9)
+
+
+def test_no_window_crosses_an_episode() -> None:
+    # the query straddles the bound of the two episodes: a crossing window would fit exactly
+    ramp = np.repeat(np.arange(200.0)[:, None], 5, axis=1)
+    result = alignment.align(ramp[None, 80:120], [ramp[:100], ramp[100:]])
+    np.testing.assert_allclose(result.mse[0], 20.0**2)
+    assert len(alignment.all_windows([ramp[:100], ramp[100:]], 40)) == 2 * 61
+    with pytest.raises(ValueError, match="no episode of the reference has 101 steps, the longest has 100"):
+        alignment.all_windows([ramp[:100], ramp[100:]], 101)
+
+
+def test_one_shift_serves_all_channels() -> None:
+    features, _ = run(episodes=2, steps=400, frequency=1.5)
+    query = features[0, :100].copy()
+    query[:, 3] = query[:, 1]  # a hop cannot be aligned away: right foot x is off by 2 A cos
+    mse = alignment.align(query[None], list(features)).mse[0]
+    assert mse[1] + mse[3] > 0.1
+
+
+def test_raw_uses_the_first_window() -> None:
+    features, _ = run(episodes=2, steps=300)
+    windows = alignment.last_windows(list(features), 100)
+    mse = alignment.align(windows, list(features), raw=True).mse
+    np.testing.assert_allclose(mse, ((windows - features[0, :100]) ** 2).mean(axis=1))
+
+
+def test_floor_of_a_periodic_teacher_is_zero_and_of_a_noisy_one_twice_its_variance() -> None:
+    features, _ = run(episodes=3, steps=400, frequency=1.5)  # 20 steps per stride, start phases on the grid:
+    exact = [features[0, shift : shift + 350] for shift in (0, 7, 13)]
+    np.testing.assert_allclose(alignment.floor(exact, 100), 0.0, atol=1e-24)
+    np.testing.assert_allclose(alignment.floor(exact[:1], 100), 0.0, atol=1e-24)
+    rng = np.random.default_rng(0)
+    noisy = [e + 0.01 * rng.standard_normal(e.shape) for e in exact]
+    np.testing.assert_allclose(alignment.floor(noisy, 100), 2e-4, rtol=0.25)  # the best of many: a little below
+    assert np.isnan(alignment.floor([features[0, :120]], 100)).all()
+
+
+def test_table_has_the_fixed_columns_and_the_papers_average() -> None:
+    reference, _ = run(episodes=4, steps=400, frequency=1.5)
+    student, baseline = reference[:, 11:311].copy(), reference[:, 11:311].copy()
+    for channel in range(5):
+        student[..., channel] += 0.1 * (channel + 1)
+        baseline[..., channel] += 0.3
+    table = alignment.mse_table(reference=gait(reference), student=gait(student), baseline=gait(baseline), window=100)
+    assert list(table.columns[:5]) == ["channel", "alignment", "baseline", "student", "reduction_percent"]
+    assert list(table.channel) == [*CHANNELS, "average"] * 2
+    assert list(table.alignment) == ["aligned"] * 6 + ["raw"] * 6
+    rows = table[table.alignment == "aligned"].set_index("channel")
+    # constant offsets: the best shift may trade phase for offset, so compare against brute force
+    episodes = list(reference)
+    expected = np.mean([brute_force(w, episodes)[1] for w in student[:, -100:]], axis=0)
+    np.testing.assert_allclose(rows.student.iloc[:5].to_numpy(float), expected, rtol=1e-9)
+    channels = rows.iloc[:5]
+    reductions = 100 * (1 - channels.student / channels.baseline)
+    np.testing.assert_allclose(channels.reduction_percent.to_numpy(float), reductions.to_numpy(float))
+    assert rows.loc["average", "reduction_percent"] == pytest.approx(reductions.mean())
+    assert rows.loc["average", "student"] == pytest.approx(channels.student.mean())
+    pooled = 100 * (1 - channels.student.mean() / channels.baseline.mean())
+    assert rows.loc["average", "reduction_of_average_percent"] == pytest.approx(pooled)
+    assert set(table.note) == {"ok"}
+
+
+def test_the_papers_average_is_the_mean_of_the_five_reductions() -> None:
+    baseline = np.array([0.01407, 0.25035, 0.01750, 0.18821, 0.02543])
+    student = np.array([0.00408, 0.18992, 0.01708, 0.07136, 0.00962])
+    assert (100 * (1 - student / baseline)).mean() == pytest.approx(44.4, abs=0.05)
+    assert 100 * (1 - student.sum() / baseline.sum()) == pytest.approx(41.1, abs=0.05)
+
+
+def test_fallen_episodes_are_left_out_and_counted() -> None:
+    reference, _ = run(episodes=4, steps=400)
+    walker = reference[:, :300].copy()
+    walker[:2] += 9.0
+    table = alignment.mse_table(
+        reference=gait(reference), student=gait(walker, fallen=2), baseline=gait(walker + 1), window=100
+    )
+    assert table.student.iloc[0] == pytest.approx(0.0, abs=1e-20)
+    assert table.student_episodes.iloc[0] == 2
+    assert table.student_total.iloc[0] == 4
+    assert (table.note == "ok").all()
+
+
+def test_under_half_upright_is_not_comparable() -> None:
+    reference, _ = run(episodes=4, steps=400)
+    walker = reference[:, :300]
+    table = alignment.mse_table(
+        reference=gait(reference), student=gait(walker), baseline=gait(walker, fallen=3), window=100
+    )
+    assert table.baseline.isna().all()
+    assert table.reduction_percent.isna().all()
+    assert table.student.notna().all()
+    assert set(table.note) == {"not comparable: baseline upright in 1 of 4 episodes"}
+
+
+def test_phase_lag_of_a_slower_student() -> None:
+    reference, _ = run(episodes=4, steps=400, frequency=1.5)
+    same = alignment.aligned_phase_lag(gait(reference), gait(reference), 100)
+    assert same == pytest.approx((0.0, 0.0), abs=1e-9)
+    limp = reference.copy()
+    limp[..., 3:] = np.roll(limp[..., 3:], 4, axis=1)  # the right foot lands 4 steps, a fifth of a stride, late
+    seconds, strides = alignment.aligned_phase_lag(gait(limp), gait(reference), 100)
+    # one common shift cannot serve both feet: together they stay 4 steps off, 2 steps each on average
+    assert seconds == pytest.approx(2 * DT, abs=0.3 * DT)
+    assert strides == pytest.approx(1.5 * seconds, rel=0.01)
+
+
+def test_gaits_are_read_from_the_artifacts_arrays() -> None:
+    features, contact = run(episodes=3, steps=120)
+    upright = np.ones((3, 120), bool)
+    upright[1, 40] = False
+    arrays = {"student_features": features, "student_upright": upright, "student_contact": contact, "dt": np.array(DT)}
+    student = gait_from_rollouts(arrays, "student")
+    assert list(student.fallen) == [False, True, False]
+    assert student.valid[1].sum() == 40
+    assert [len(e) for e in student.upright_episodes] == [120, 120]
+    flat = {
+        "features": features.reshape(-1, 5)[:300],
+        "episode": np.repeat([0, 1, 4], [120, 120, 60]),
+        "dt": np.array(DT),
+    }
+    reference = gait_from_reference(flat)
+    assert [len(e) for e in reference.upright_episodes] == [120, 120, 60]
+    np.testing.assert_array_equal(reference.features[2, :60], features[2, :60])
