@@ -1,0 +1,114 @@
+"""The replay buffer returns transitions that happened, and nothing else."""
+
+import numpy as np
+import pytest
+import torch
+
+from romgrl.buffers import ReplayBuffer
+from romgrl.gait.windows import FrameWindows, reference_windows, window_mirror
+
+
+def fill(buffer: ReplayBuffer, steps: int, truncated_every: int = 0) -> None:
+    """Observation (env, time): its successor must be (env, time + 1)."""
+    envs = torch.arange(buffer.num_envs, dtype=torch.float32)
+    for t in range(steps):
+        now = torch.stack((envs, torch.full_like(envs, t)), -1)
+        following = torch.stack((envs, torch.full_like(envs, t + 1)), -1)
+        truncated = torch.full((buffer.num_envs,), bool(truncated_every and t % truncated_every == 0))
+        buffer.add(now, now[:, :1] * 100 + t, following, envs + t, torch.zeros(len(envs)), truncated, now)
+
+
+def make(capacity: int, **mirrors: object) -> ReplayBuffer:
+    return ReplayBuffer(
+        capacity=capacity, num_envs=4, observation_size=2, action_size=1, frame_size=2, seed=0, **mirrors
+    )  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("steps", [3, 10, 16, 17, 40, 100])
+def test_transitions_belong_together(steps: int) -> None:
+    """Before and after the ring wraps."""
+    buffer = make(64)
+    fill(buffer, steps)
+    batch = buffer.sample(2000)
+    env, time = batch.observation.T
+    torch.testing.assert_close(batch.next_observation, torch.stack((env, time + 1), -1))
+    torch.testing.assert_close(batch.action[:, 0], env * 100 + time)
+    torch.testing.assert_close(batch.task_reward, env + time)
+    torch.testing.assert_close(batch.frames, batch.observation)
+    assert set(env.tolist()) == {0.0, 1.0, 2.0, 3.0}
+    assert len(set(time.tolist())) == len(buffer) // 4
+
+
+def test_truncated_transitions_are_never_drawn() -> None:
+    buffer = make(400)
+    fill(buffer, 300, truncated_every=7)
+    assert (buffer.sample(5000).observation[:, 1] % 7 != 0).all()
+
+
+def test_recent_frames() -> None:
+    buffer = make(400)
+    fill(buffer, 90)
+    frames = buffer.sample_frames(1000, recent=40)
+    assert frames[:, 1].min() == 80
+    assert frames[:, 1].max() == 89
+
+
+def test_every_second_transition_is_mirrored() -> None:
+    mirror = (torch.tensor([0, 1]), torch.tensor([-1.0, 1.0]))
+    buffer = make(64, mirror_observation=mirror)
+    fill(buffer, 12)
+    batch = buffer.sample(100)
+    assert (batch.observation[::2, 0] <= 0).all()
+    assert (batch.observation[1::2, 0] >= 0).all()
+    torch.testing.assert_close(batch.next_observation[:, 0], batch.observation[:, 0])
+    assert (batch.action >= 0).all()
+
+
+def test_too_small_and_empty_buffers_are_refused() -> None:
+    with pytest.raises(ValueError, match="capacity"):
+        make(8)
+    with pytest.raises(ValueError, match="empty"):
+        make(64).sample(1)
+
+
+def test_windows_hold_the_last_frames_and_restart() -> None:
+    windows = FrameWindows(num_envs=2, columns=1, window=3)
+    frame = lambda value: np.full((2, 1), value, dtype=np.float32)  # noqa: E731
+    windows.restart(frame(0))
+    windows.push(frame(1))
+    np.testing.assert_array_equal(windows.push(frame(2)), [[0, 1, 2]] * 2)
+    windows.restart(frame(9), np.array([True, False]))
+    np.testing.assert_array_equal(windows.push(frame(10)), [[9, 9, 10], [1, 2, 10]])
+
+
+def test_reference_windows_stay_within_episodes() -> None:
+    features = np.arange(10, dtype=np.float32)[:, None] * np.ones(5, dtype=np.float32)
+    episode = np.array([0] * 6 + [1] * 4, dtype=np.int32)
+    windows = reference_windows(features, episode, window=3, trunk=False, trunk_std=0, mirror=False, seed=0)
+    first = windows.reshape(-1, 3, 5)[:, :, 0]
+    np.testing.assert_array_equal(first[:, 0], [0, 1, 2, 3, 6, 7])
+    np.testing.assert_array_equal(np.diff(first, axis=1), 1)
+
+
+def test_reference_windows_carry_one_trunk_inclination_each_and_their_mirror() -> None:
+    features = np.tile(np.array([0.9, 0.1, -0.8, 0.3, -0.7], dtype=np.float32), (500, 1))
+    episode = np.zeros(500, dtype=np.int32)
+    windows = reference_windows(features, episode, window=2, trunk=True, trunk_std=0.1, mirror=True, seed=0)
+    assert windows.shape == (998, 12)
+    frames = windows.reshape(-1, 2, 6)
+    np.testing.assert_array_equal(frames[:, 0, 5], frames[:, 1, 5])
+    assert frames[::2, 0, 5].std() == pytest.approx(0.1, rel=0.15)
+    np.testing.assert_allclose(frames[1, 0, :5], [0.9, 0.3, -0.7, 0.1, -0.8], atol=1e-7)
+
+
+def test_window_mirror_is_its_own_inverse() -> None:
+    permutation, sign = window_mirror(6, 4)
+    values = np.random.default_rng(0).normal(size=(3, 24)).astype(np.float32)
+    np.testing.assert_array_equal((values[:, permutation] * sign)[:, permutation] * sign, values)
+
+
+def test_windows_longer_than_every_episode_are_refused() -> None:
+    with pytest.raises(ValueError, match="no episode"):
+        reference_windows(
+            np.zeros((4, 5), np.float32), np.arange(4, dtype=np.int32), window=2, trunk=False, trunk_std=0, mirror=False, seed=0
+        )
