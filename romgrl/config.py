@@ -97,6 +97,7 @@ class Reference:
     steps: int = key("steps kept, all episodes together", low=50)
     episodes: int = key("episodes from different resets", low=1)
     warmup_steps: int = key("first steps of each episode, left out as not steady", low=0)
+    check: bool = key("true: refuse a reference that falls, hops, slides or drifts; false: only say so")
 
 
 @dataclass
@@ -163,7 +164,6 @@ class Discriminator:
     batch_size: int = key("windows of each stream per update", low=1)
     recent_steps: int | None = key("the student's windows are drawn from this many last steps; null: from all", low=1)
     standardize: bool = key("true: features are standardised by the reference's mean and deviation")
-    starts: int = key("environment steps before the first update", low=0)
     reward_limit: float | None = key("largest imitation reward; null: no limit", above=0)
     held_out: float = key("share of the reference held out for the validation loss", above=0, high=0.9)
     patience: int | None = key("updates without a better validation loss before training stops; null: never", low=1)
