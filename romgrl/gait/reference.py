@@ -1,0 +1,91 @@
+"""Is a reference fit to be imitated? It must not fall, hop, slide or drift."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from romgrl.errors import ArtifactError
+from romgrl.gait.features import BODY_Y, LEFT_X, RIGHT_X, Bools, Floats, Gait
+from romgrl.gait.metrics import left_right_correlation
+
+LOWEST_BODY = 0.7  # of the median body height; a fall ends lower
+HIGHEST_CORRELATION = -0.5  # of left and right foot x; a walker or runner alternates, a hopper does not
+LARGEST_SLIP = 0.2  # of the mean speed; a foot circle that rolls on the spot shows about half of this
+SLOWEST_SLIP_LIMIT = 0.3  # m/s, for slow gaits
+LARGEST_SPEED_TREND = 0.1  # of the mean speed, from the start of an episode to its end
+LARGEST_HEIGHT_TREND = 0.05  # of the mean body height
+
+
+def check_reference(gait: Gait) -> dict[str, float]:
+    """The measured numbers of a fit reference; ArtifactError with the number and its limit for any other.
+
+    `gait` needs velocity and contact, and its valid steps should be the steady part only.
+    """
+    if gait.velocity is None or gait.contact is None:
+        raise ValueError("a reference is checked on its velocity and its contacts, too")
+    measured = {"falls": float(gait.fallen.sum()), "lowest_body": lowest_body(gait)}
+    if measured["falls"] > 0:
+        raise ArtifactError(f"the reference falls: in {measured['falls']:.0f} of {len(gait.fallen)} episodes, limit 0")
+    if not measured["lowest_body"] >= LOWEST_BODY:
+        raise ArtifactError(
+            f"the reference falls: lowest body height {measured['lowest_body']:.2f} of the median, limit {LOWEST_BODY}"
+        )
+    measured["left_right_correlation"] = left_right_correlation(gait.features, gait.valid)
+    if not measured["left_right_correlation"] <= HIGHEST_CORRELATION:
+        raise ArtifactError(
+            f"the reference hops: left-right correlation of foot x {measured['left_right_correlation']:.2f}, "
+            f"limit {HIGHEST_CORRELATION}"
+        )
+    speed = float(np.abs(gait.velocity[gait.valid].mean()))
+    slip_limit = max(LARGEST_SLIP * speed, SLOWEST_SLIP_LIMIT)
+    measured["slip"] = slip_speed(gait.features, gait.contact, gait.velocity, gait.dt, gait.valid)
+    if not measured["slip"] <= slip_limit:
+        raise ArtifactError(
+            f"the reference slides: the foot on the ground moves at {measured['slip']:.2f} m/s, limit {slip_limit:.2f}"
+        )
+    measured["speed_trend"] = largest_trend(gait.velocity, gait.valid) / speed
+    if not measured["speed_trend"] <= LARGEST_SPEED_TREND:
+        raise ArtifactError(
+            f"the reference drifts: speed changes by {measured['speed_trend']:.0%} across an episode, "
+            f"limit {LARGEST_SPEED_TREND:.0%}"
+        )
+    height = gait.features[..., BODY_Y]
+    measured["height_trend"] = largest_trend(height, gait.valid) / float(height[gait.valid].mean())
+    if not measured["height_trend"] <= LARGEST_HEIGHT_TREND:
+        raise ArtifactError(
+            f"the reference drifts: body height changes by {measured['height_trend']:.0%} across an episode, "
+            f"limit {LARGEST_HEIGHT_TREND:.0%}"
+        )
+    return measured
+
+
+def lowest_body(gait: Gait) -> float:
+    """Lowest body height over the median one."""
+    height = gait.features[..., BODY_Y][gait.valid]
+    return float(height.min() / np.median(height))
+
+
+def slip_speed(features: Floats, contact: Bools, velocity: Floats, dt: float, valid: Bools) -> float:
+    """Median speed over the ground |dx_foot/dt + v| of a foot that is in contact before and after a step, m/s.
+
+    features (E, T, 5), contact (E, T, 2), velocity (E, T) m/s, valid (E, T); nan where no foot stays in contact.
+    """
+    slips = []
+    both = valid[:, 1:] & valid[:, :-1]
+    body = 0.5 * (velocity[:, 1:] + velocity[:, :-1])
+    for foot, x in enumerate((LEFT_X, RIGHT_X)):
+        moved = np.diff(features[..., x], axis=1) / dt + body
+        stance = both & contact[:, 1:, foot] & contact[:, :-1, foot]
+        slips.append(np.abs(moved[stance]))
+    slip = np.concatenate(slips)
+    return float(np.median(slip)) if len(slip) else float("nan")
+
+
+def largest_trend(values: Floats, valid: Bools) -> float:
+    """Change along the fitted line from start to end of an episode, largest over episodes. values, valid: (E, T)."""
+    trends = []
+    for episode, mask in zip(values, valid, strict=True):
+        kept = episode[mask]
+        steps = np.arange(len(kept)) - 0.5 * (len(kept) - 1)
+        trends.append(abs(float(steps @ kept)) / float(steps @ steps) * (len(kept) - 1) if len(kept) > 1 else 0.0)
+    return max(trends)

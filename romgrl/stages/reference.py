@@ -1,0 +1,49 @@
+"""Reference: a rollout of the trained teacher in the feature contract (paper section 3.2)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from romgrl.algorithms.ppo import load_policy
+from romgrl.artifacts import save_arrays
+from romgrl.config import Config
+from romgrl.gait.features import Gait
+from romgrl.gait.reference import check_reference
+from romgrl.progress import StageLog
+from romgrl.stages.teacher import make_env, record
+
+
+def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog) -> None:
+    """Roll the deterministic teacher out from several resets and write reference.npz; ArtifactError if it is unfit."""
+    reference = config.reference
+    kept = math.ceil(reference.steps / reference.episodes)
+    steps = reference.warmup_steps + kept
+    env = make_env(config, num_envs=reference.episodes, episode_steps=steps + 1)
+    gait = record(env, load_policy(inputs["teacher"] / "policy.safetensors"), steps=steps, seed=config.seed + 20_000)
+    env.close()
+    gait.valid[:, : reference.warmup_steps] = False
+    measured = check_reference(gait)
+    write_reference(output / "reference.npz", gait, speed=config.teacher.speed, steps=reference.steps)
+    log.metrics(measured, reference.steps)
+    log.message(f"{reference.steps} steps in {reference.episodes} episodes, fit to be imitated")
+
+
+def write_reference(path: Path, gait: Gait, *, speed: float, steps: int) -> None:
+    """reference.npz: the first `steps` valid steps, one episode after the other."""
+    assert gait.velocity is not None
+    assert gait.contact is not None
+    save_arrays(
+        path,
+        {
+            "features": gait.features[gait.valid][:steps].astype(np.float32),
+            "episode": np.nonzero(gait.valid)[0][:steps].astype(np.int32),
+            "contact": gait.contact[gait.valid][:steps],
+            "velocity": gait.velocity[gait.valid][:steps].astype(np.float32),
+            "dt": gait.dt,
+            "speed": speed,
+        },
+    )
