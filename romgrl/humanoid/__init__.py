@@ -1,0 +1,1 @@
+"""The planar humanoid: model, observation, task, environments and pictures."""

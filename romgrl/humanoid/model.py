@@ -1,0 +1,121 @@
+"""Build the planar humanoid and read its dimensions."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from romgrl.errors import ConfigurationError
+from romgrl.humanoid.human import human_spec
+from romgrl.humanoid.planar import hold_in_plane
+from romgrl.humanoid.skeleton import BODIES, HINGES, ROOT_JOINTS
+
+HEIGHT, MASS = 1.741, 73.0
+CONTROL_FREQUENCY, SUBSTEPS = 30.0, 8
+"""Defaults: the means of de Leva's subjects; substeps of 1/240 s."""
+
+
+@dataclass(frozen=True)
+class HumanoidDimensions:
+    """Of the standing humanoid, legs straight, soles on the ground: kg and m."""
+
+    mass: float
+    leg_length: float
+    """Height of the pelvis origin above the ankle joint."""
+    ankle_height: float
+    pelvis_height: float
+    head_height: float
+    """Origin of the head body (the joint at the skull base)."""
+
+
+def build(
+    *,
+    xml: str | Path | None = None,
+    actuation: str = "servo",
+    height: float = HEIGHT,
+    mass: float = MASS,
+    control_frequency: float = CONTROL_FREQUENCY,
+    substeps: int = SUBSTEPS,
+) -> mujoco.MjModel:
+    """The planar humanoid: nq = nv = 24 (root x, z, pitch, then HINGES), nu = 21 with controls in [-1, 1].
+
+    Args:
+        xml: a MuJoCo model with SMPL's 24 bodies (HumEnv's robot.xml), held in the plane; None: the project's own.
+        actuation: "servo" (position servos) or "torque" (control x largest torque).
+        height: of the project's own humanoid, m.
+        mass: of the project's own humanoid, kg.
+        control_frequency: control steps per second.
+        substeps: physics steps per control step; the timestep is 1 / (control_frequency x substeps).
+
+    Raises ValueError for bad numbers and ConfigurationError for a file that is missing or does not fit.
+    """
+    if actuation not in ("servo", "torque"):
+        raise ValueError(f"actuation must be servo or torque, not {actuation!r}")
+    for name, value in (("height", height), ("mass", mass), ("control_frequency", control_frequency)):
+        if not (np.isfinite(value) and value > 0):
+            raise ValueError(f"{name} must be positive, not {value}")
+    if substeps < 1:
+        raise ValueError(f"substeps must be at least 1, not {substeps}")
+    spec = human_spec(height=height, mass=mass) if xml is None else _load(Path(xml))
+    hold_in_plane(spec, actuation=actuation)
+    spec.option.timestep = 1.0 / (control_frequency * substeps)
+    model: mujoco.MjModel = _compile(spec)
+    joints = [model.joint(index).name for index in range(model.njnt)]
+    actuators = [model.actuator(index).name for index in range(model.nu)]
+    if joints != [*ROOT_JOINTS, *HINGES] or actuators != [*HINGES]:
+        raise ConfigurationError("humanoid.xml: the bodies, joints and actuators are not in the order of SMPL's 24 bodies")
+    return model
+
+
+def _load(path: Path) -> mujoco.MjSpec:
+    if not path.is_file():
+        raise ConfigurationError(f"humanoid.xml: no such file: {path}")
+    try:
+        return mujoco.MjSpec.from_file(str(path))
+    except ValueError as error:
+        raise ConfigurationError(f"humanoid.xml: {path}: {str(error).splitlines()[0]}") from error
+
+
+def _compile(spec: mujoco.MjSpec) -> mujoco.MjModel:
+    try:
+        return spec.compile()
+    except ValueError as error:
+        raise ConfigurationError(f"humanoid.xml: {str(error).splitlines()[0]}") from error
+
+
+def body_ids(model: mujoco.MjModel) -> NDArray[np.int64]:
+    """Ids (24,) of the 24 bodies, in SMPL's order."""
+    return np.array([model.body(name).id for name in BODIES], dtype=np.int64)
+
+
+def lowest_point(model: mujoco.MjModel, data: mujoco.MjData) -> float:
+    """Height of the lowest point of the shapes that can touch the floor, m, from geom_xpos and geom_xmat."""
+    solid = np.flatnonzero((model.geom_bodyid > 0) & (model.geom_conaffinity > 0))
+    down = np.abs(data.geom_xmat[solid].reshape(-1, 3, 3)[:, 2, :])
+    size, kind = model.geom_size[solid], model.geom_type[solid]
+    kinds = mujoco.mjtGeom
+    extent = np.einsum("ij,ij->i", down, size)  # box
+    extent = np.where(kind == kinds.mjGEOM_SPHERE, size[:, 0], extent)
+    extent = np.where(kind == kinds.mjGEOM_CAPSULE, size[:, 0] + down[:, 2] * size[:, 1], extent)
+    extent = np.where(kind == kinds.mjGEOM_ELLIPSOID, np.linalg.norm(down * size, axis=1), extent)
+    return float((data.geom_xpos[solid, 2] - extent).min())
+
+
+def dimensions(model: mujoco.MjModel) -> HumanoidDimensions:
+    """Mass and lengths of the model, standing with every joint at zero."""
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    ground = lowest_point(model, data)
+    pelvis, head = data.body("Pelvis").xpos[2], data.body("Head").xpos[2]
+    ankle = (data.body("L_Ankle").xpos[2] + data.body("R_Ankle").xpos[2]) / 2
+    return HumanoidDimensions(
+        mass=float(model.body_mass[1:].sum()),
+        leg_length=float(pelvis - ankle),
+        ankle_height=float(ankle - ground),
+        pelvis_height=float(pelvis - ground),
+        head_height=float(head - ground),
+    )

@@ -1,0 +1,112 @@
+"""Hold any humanoid with SMPL's 24 bodies in the sagittal plane: three root joints and one pitch hinge per segment."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from romgrl.errors import ConfigurationError
+from romgrl.humanoid.skeleton import BASE_QUATERNION, BODIES, HINGES, ROOT_JOINTS
+
+_HALF = float(np.sqrt(0.5))
+HANGING: dict[str, tuple[float, float, float, float]] = {"L_Shoulder": (_HALF, 0, 0, -_HALF), "R_Shoulder": (_HALF, 0, 0, _HALF)}
+"""Quarter turns about the forward axis that bring the arms of SMPL's T-pose down."""
+
+
+def hold_in_plane(spec: mujoco.MjSpec, *, actuation: str) -> None:
+    """Edit `spec` in place: root slides x and z and hinge pitch; of each body's joints the one about the lateral axis.
+
+    Other joints and their actuators go, hands are welded, and only the floor is touched (no self-collision), which
+    keeps the two halves of the body independent and the physics fast. Raises ConfigurationError if bodies, joints or
+    actuators are missing.
+    """
+    bodies = {body.name: body for body in spec.bodies}
+    missing = [name for name in BODIES if name not in bodies]
+    if missing:
+        raise ConfigurationError(f"humanoid.xml: no body named {missing[0]}; a model with SMPL's 24 bodies is needed")
+    _hang_arms(bodies)
+    kept = {name: _pitch_joint(spec, bodies[name]) for name in HINGES}
+    _keep_actuators(spec, {joint: name for name, joint in kept.items()}, actuation)
+    for joint in list(spec.joints):
+        if joint.name not in kept.values():
+            spec.delete(joint)
+    for name in HINGES:
+        spec.joint(kept[name]).name = name
+    for exclude in list(spec.excludes):
+        spec.delete(exclude)
+    for sensor in list(spec.sensors):
+        spec.delete(sensor)
+    _add_root(bodies["Pelvis"])
+    for geom in spec.geoms:
+        is_floor = geom.parent.name == "world"
+        touches = bool(geom.contype or geom.conaffinity)
+        geom.contype, geom.conaffinity = (int(touches and is_floor), int(touches and not is_floor))
+
+
+def _rotation(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
+    matrix = np.zeros(9)
+    mujoco.mju_quat2Mat(matrix, np.asarray(quaternion, dtype=np.float64))
+    return matrix.reshape(3, 3)
+
+
+def _hang_arms(bodies: dict[str, mujoco.MjsBody]) -> None:
+    """Turn arms that point sideways (the elbow further out than down) to hang."""
+    for name, quarter_turn in HANGING.items():
+        left, up, _ = np.abs(bodies[name.replace("Shoulder", "Elbow")].pos)
+        if left > up:
+            bodies[name].quat = quarter_turn
+
+
+def _standing_rotation(body: mujoco.MjsBody) -> NDArray[np.float64]:
+    """Orientation of a body in the world when standing: the product of its ancestors' rotations."""
+    rotation = np.eye(3)
+    while body.name != "Pelvis":
+        rotation = _rotation(body.quat) @ rotation
+        body = body.parent
+    return _rotation(np.array(BASE_QUATERNION)) @ rotation
+
+
+def _pitch_joint(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> str:
+    """Align the joint nearest the world's lateral axis with it, pointing left, and return its name."""
+    lateral = _standing_rotation(body).T @ np.array([0.0, 1.0, 0.0])
+    hinges = [joint for joint in body.joints if joint.type == mujoco.mjtJoint.mjJNT_HINGE]
+    if not hinges:
+        raise ConfigurationError(f"humanoid.xml: body {body.name} has no hinge")
+    joint = max(hinges, key=lambda candidate: abs(float(np.dot(candidate.axis, lateral))))
+    if np.dot(joint.axis, lateral) < 0:
+        joint.range = [-joint.range[1], -joint.range[0]]
+        joint.springref, joint.ref = -joint.springref, -joint.ref
+        for actuator in spec.actuators:
+            if actuator.target == joint.name:
+                actuator.biasprm[0] = -actuator.biasprm[0]
+                actuator.forcerange = [-actuator.forcerange[1], -actuator.forcerange[0]]
+    joint.axis = lateral
+    return str(joint.name)
+
+
+def _keep_actuators(spec: mujoco.MjSpec, body_of: dict[str, str], actuation: str) -> None:
+    """Keep one actuator per hinge, named after its body; `torque` makes its gain the largest torque."""
+    driven = set()
+    for actuator in list(spec.actuators):
+        if actuator.target not in body_of:
+            spec.delete(actuator)
+            continue
+        driven.add(actuator.target)
+        actuator.name = actuator.target = body_of[actuator.target]
+        if actuation == "torque":
+            actuator.biastype = mujoco.mjtBias.mjBIAS_NONE
+            actuator.gainprm[0] = actuator.forcerange[1]
+            actuator.biasprm[:3] = 0.0
+    if driven != set(body_of):
+        raise ConfigurationError(f"humanoid.xml: joint {min(set(body_of) - driven)} has no actuator")
+
+
+def _add_root(pelvis: mujoco.MjsBody) -> None:
+    """Slides along world x and z and a hinge about world y; in the pelvis frame these are z, y and x."""
+    pelvis.pos, pelvis.quat = [0, 0, 0], BASE_QUATERNION
+    slide, hinge = mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE
+    for name, kind, axis in zip(ROOT_JOINTS, (slide, slide, hinge), ([0, 0, 1], [0, 1, 0], [1, 0, 0]), strict=True):
+        joint = pelvis.add_joint(name=name, type=kind, axis=axis)
+        joint.damping, joint.stiffness, joint.armature = np.zeros(3), np.zeros(3), 0.0
+        joint.limited = mujoco.mjtLimited.mjLIMITED_FALSE
