@@ -1,0 +1,251 @@
+"""PPO against numbers worked out by hand or in plain numpy."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from romgrl.algorithms.ppo import (
+    PPO,
+    Rollout,
+    clipped_policy_loss,
+    compute_gae,
+    gaussian_entropy,
+    gaussian_log_probability,
+    load_policy,
+    save_policy,
+)
+from romgrl.networks import initialise_orthogonal, mirror, mlp
+
+NEVER = torch.zeros(3, 1, dtype=torch.bool)
+
+
+def at(step: int) -> torch.Tensor:
+    flags = NEVER.clone()
+    flags[step] = True
+    return flags
+
+
+def column(*values: float) -> torch.Tensor:
+    return torch.tensor(values)[:, None]
+
+
+def make_ppo(**changes: Any) -> PPO:
+    settings: dict[str, Any] = {
+        "observation_size": 3,
+        "action_size": 2,
+        "hidden_sizes": [16, 16],
+        "activation": "tanh",
+        "learning_rate": 1e-3,
+        "gamma": 0.9,
+        "gae_lambda": 0.8,
+        "clip_ratio": 0.2,
+        "epochs": 2,
+        "minibatch_size": 16,
+        "value_coefficient": 0.5,
+        "entropy_coefficient": 0.0,
+        "max_gradient_norm": 0.5,
+        "initial_log_std": -0.5,
+    }
+    return PPO(**(settings | changes))
+
+
+def filled_rollout(seed: int = 0) -> Rollout:
+    generator = torch.Generator().manual_seed(seed)
+    rollout = Rollout(steps=8, num_envs=4, observation_size=3, action_size=2)
+    for tensor in (rollout.observations, rollout.next_observations, rollout.actions, rollout.rewards):
+        tensor.normal_(generator=generator)
+    return rollout
+
+
+# Rewards 1, 2, 3; values 0.5, 1, 1.5; gamma 0.5, lambda 0.5.
+# Without an end: deltas 1 + 0.5 * 1 - 0.5 = 1, 2 + 0.5 * 1.5 - 1 = 1.75, 3 + 0.5 * 4 - 1.5 = 3.5;
+# advantages 3.5, 1.75 + 0.25 * 3.5 = 2.625, 1 + 0.25 * 2.625 = 1.65625.
+# Ending at step 1 by termination: delta 2 - 1 = 1; advantages 3.5, 1, 1 + 0.25 = 1.25.
+# Ending at step 1 by truncation, the final observation worth 10: delta 2 + 5 - 1 = 6; advantages 3.5, 6, 1 + 1.5 = 2.5.
+@pytest.mark.parametrize(
+    ("terminated", "truncated", "next_at_one", "expected"),
+    [
+        (NEVER, NEVER, 1.5, (1.65625, 2.625, 3.5)),
+        (at(1), NEVER, 10.0, (1.25, 1.0, 3.5)),
+        (NEVER, at(1), 10.0, (2.5, 6.0, 3.5)),
+        (at(1), at(1), 10.0, (1.25, 1.0, 3.5)),
+    ],
+    ids=["running", "terminated", "truncated", "both"],
+)
+def test_gae_by_hand(
+    terminated: torch.Tensor, truncated: torch.Tensor, next_at_one: float, expected: tuple[float, ...]
+) -> None:
+    values = column(0.5, 1.0, 1.5)
+    advantages, returns = compute_gae(
+        column(1.0, 2.0, 3.0), values, column(1.0, next_at_one, 4.0), terminated, truncated, 0.5, 0.5
+    )
+    torch.testing.assert_close(advantages, column(*expected), rtol=0, atol=1e-6)
+    torch.testing.assert_close(returns, column(*expected) + values, rtol=0, atol=1e-6)
+
+
+def test_gae_with_lambda_one_is_the_discounted_return() -> None:
+    rewards, values = np.array([0.3, -1.0, 2.0, 0.7]), np.array([1.0, 0.4, -0.2, 0.9])
+    last = 5.0
+    expected = [sum(0.9**k * r for k, r in enumerate(rewards[i:])) + 0.9 ** (4 - i) * last for i in range(4)]
+    flags = torch.zeros(4, 1, dtype=torch.bool)
+    _, returns = compute_gae(
+        column(*rewards), column(*values), column(*values[1:], last), flags, flags.clone(), 0.9, 1.0
+    )
+    np.testing.assert_allclose(returns[:, 0].numpy(), expected, atol=1e-5)
+
+
+def test_truncated_step_bootstraps_from_the_final_observation() -> None:
+    ppo = make_ppo()
+    rollout = filled_rollout()
+    rollout.truncated[3, 1] = True
+    rollout.terminated[5, 2] = True
+    with torch.no_grad():
+        values = ppo.value(rollout.observations).squeeze(-1).numpy()
+        final = ppo.value(rollout.next_observations).squeeze(-1).numpy()
+    _, returns = ppo._advantages(rollout)
+    rewards = rollout.rewards.numpy()
+    assert returns[3, 1].item() == pytest.approx(rewards[3, 1] + 0.9 * final[3, 1], abs=1e-5)
+    assert returns[5, 2].item() == pytest.approx(rewards[5, 2], abs=1e-5)
+    assert returns[7, 0].item() == pytest.approx(rewards[7, 0] + 0.9 * final[7, 0], abs=1e-5)
+    following = rewards[6, 0] + 0.9 * (0.2 * values[7, 0] + 0.8 * returns[7, 0].item())
+    assert returns[6, 0].item() == pytest.approx(following, abs=1e-5)
+
+
+def test_clipped_loss_by_hand() -> None:
+    # Ratios 1.5, 0.5, 1.5, 0.5, 1.1 with advantages 1, 1, -1, -1, 2 and clip 0.2:
+    # min(1.5, 1.2) = 1.2, min(0.5, 0.8) = 0.5, min(-1.5, -1.2) = -1.5, min(-0.5, -0.8) = -0.8, 2.2; mean 0.32.
+    ratios = torch.tensor([1.5, 0.5, 1.5, 0.5, 1.1])
+    advantages = torch.tensor([1.0, 1.0, -1.0, -1.0, 2.0])
+    assert clipped_policy_loss(ratios.log(), advantages, 0.2).item() == pytest.approx(-0.32, abs=1e-6)
+
+
+def test_clipped_loss_stops_the_gradient_beyond_the_clip() -> None:
+    log_ratio = torch.tensor([1.5, 0.5, 1.5, 0.5]).log().requires_grad_()
+    clipped_policy_loss(log_ratio, torch.tensor([1.0, 1.0, -1.0, -1.0]), 0.2).backward()
+    # d/d(log r) of -r A / 4 where the minimum is not clipped: r = 0.5, A = 1 and r = 1.5, A = -1.
+    assert log_ratio.grad is not None
+    torch.testing.assert_close(log_ratio.grad, torch.tensor([0.0, -0.125, 0.375, 0.0]))
+
+
+def test_gaussian_density_and_entropy() -> None:
+    # N(0.5; 0, 2) x N(-1; 1, 0.5): exponents -0.03125 and -8, sum of log std 0, log(2 pi) once for two halves.
+    log_std = torch.tensor([math.log(2.0), math.log(0.5)])
+    density = gaussian_log_probability(torch.tensor([[0.5, -1.0]]), torch.tensor([[0.0, 1.0]]), log_std)
+    assert density.item() == pytest.approx(-8.03125 - math.log(2 * math.pi), abs=1e-6)
+    assert gaussian_entropy(log_std).item() == pytest.approx(1.0 + math.log(2 * math.pi), abs=1e-6)
+
+
+def test_act_returns_the_density_of_its_own_action() -> None:
+    ppo = make_ppo()
+    observation = torch.randn(5, 3, generator=torch.Generator().manual_seed(1))
+    action, log_probability = ppo.act(observation)
+    normal = torch.distributions.Normal(ppo.policy(observation), ppo.log_std.exp())
+    torch.testing.assert_close(log_probability, normal.log_prob(action).sum(-1))
+
+
+def test_mirror_swaps_and_negates() -> None:
+    pair = (torch.tensor([0, 2, 1]), torch.tensor([1.0, 1.0, -1.0]))
+    values = torch.tensor([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]])
+    torch.testing.assert_close(mirror(values, *pair), torch.tensor([[1.0, 3.0, -2.0], [4.0, 6.0, -5.0]]))
+
+
+def test_half_of_each_minibatch_is_mirrored(monkeypatch: pytest.MonkeyPatch) -> None:
+    pair = np.array([1, 0, 2]), np.array([1.0, 1.0, -1.0], np.float32)
+    ppo = make_ppo(epochs=1, minibatch_size=32, mirror_observation=pair, mirror_action=(pair[0][:2], pair[1][:2]))
+    rollout = filled_rollout()
+    seen: list[torch.Tensor] = []
+    value = ppo.value.forward
+    monkeypatch.setattr(ppo.value, "forward", lambda x: (seen.append(x.detach().clone()), value(x))[1])
+    ppo.update(rollout)
+    trained = seen[-1]
+    originals = rollout.observations.flatten(0, 1)
+    images = originals[:, [1, 0, 2]] * torch.tensor([1.0, 1.0, -1.0])
+    assert [int((row == images).all(1).sum()) for row in trained[:16]] == [1] * 16
+    assert [int((row == originals).all(1).sum()) for row in trained[16:]] == [1] * 16
+
+
+def test_mirroring_needs_both_pairs() -> None:
+    with pytest.raises(ValueError, match="together"):
+        make_ppo(mirror_observation=(np.arange(3), np.ones(3, np.float32)))
+
+
+def test_update_leaves_the_rollout_alone_and_is_finite() -> None:
+    pair = np.array([1, 0, 2]), np.ones(3, np.float32)
+    ppo = make_ppo(mirror_observation=pair, mirror_action=(pair[0][:2], pair[1][:2]))
+    rollout = filled_rollout()
+    before = rollout.observations.clone(), rollout.actions.clone()
+    losses = ppo.update(rollout)
+    assert torch.equal(rollout.observations, before[0])
+    assert torch.equal(rollout.actions, before[1])
+    assert all(math.isfinite(value) for value in losses.values())
+    assert losses["action_std"] == pytest.approx(math.exp(-0.5), abs=0.02)
+
+
+def test_same_seed_same_weights() -> None:
+    def trained() -> torch.Tensor:
+        ppo = make_ppo(seed=3)
+        ppo.update(filled_rollout())
+        return torch.nn.utils.parameters_to_vector(ppo.parameters)
+
+    assert torch.equal(trained(), trained())
+
+
+def test_learning_rate_scale() -> None:
+    ppo = make_ppo()
+    ppo.update(filled_rollout(), learning_rate_scale=0.0)
+    fresh = make_ppo()
+    for updated, initial in zip(ppo.parameters, fresh.parameters, strict=True):
+        torch.testing.assert_close(updated, initial, rtol=0, atol=0)
+
+
+def test_ppo_solves_a_bandit() -> None:
+    """Reward -|a - 0.5|^2 with nothing to observe: the mean action goes to 0.5."""
+    ppo = make_ppo(learning_rate=1e-2, gamma=0.0, minibatch_size=64, epochs=4)
+    rollout = Rollout(steps=8, num_envs=32, observation_size=3, action_size=2)
+    nothing = torch.zeros(32, 3)
+    for _ in range(40):
+        for step in range(8):
+            action, log_probability = ppo.act(nothing)
+            rollout.store_action(step, nothing, action, log_probability)
+            reward = -(action - 0.5).square().sum(-1)
+            ended = np.ones(32, bool)
+            rollout.store_outcome(step, reward.numpy(), ended, ~ended, nothing.numpy())
+        ppo.update(rollout)
+    with torch.no_grad():
+        torch.testing.assert_close(ppo.policy(nothing[:1]), torch.full((1, 2), 0.5), rtol=0, atol=0.05)
+
+
+def test_policy_round_trip(tmp_path: Path) -> None:
+    ppo = make_ppo(activation="elu")
+    with torch.no_grad():
+        ppo.policy[-1].weight.mul_(300.0)
+    save_policy(tmp_path / "policy.safetensors", ppo)
+    policy = load_policy(tmp_path / "policy.safetensors")
+    observation = np.random.default_rng(0).normal(size=(7, 3)).astype(np.float32)
+    with torch.no_grad():
+        expected = ppo.policy(torch.from_numpy(observation)).clamp(-1.0, 1.0).numpy()
+    action = policy(observation)
+    assert action.dtype == np.float32
+    assert (np.abs(action) == 1.0).any()
+    np.testing.assert_array_equal(action, expected)
+
+
+@pytest.mark.parametrize("layer_norm", [False, True])
+def test_mlp_layers(layer_norm: bool) -> None:
+    network = mlp(20, [512, 512], 2, "relu", layer_norm)
+    weights = 20 * 512 + 512 + 512 * 512 + 512 + 512 * 2 + 2
+    assert sum(p.numel() for p in network.parameters()) == weights + (4 * 512 if layer_norm else 0)
+    with pytest.raises(ValueError, match="activation"):
+        mlp(2, [2], 1, "swish")
+
+
+def test_orthogonal_initialisation() -> None:
+    network = mlp(4, [8, 8], 2, "tanh")
+    initialise_orthogonal(network, output_gain=0.01)
+    hidden, output = network[2].weight.detach(), network[4].weight.detach()
+    torch.testing.assert_close(hidden @ hidden.T, 2.0 * torch.eye(8), rtol=0, atol=1e-5)
+    torch.testing.assert_close(output @ output.T, 1e-4 * torch.eye(2), rtol=0, atol=1e-8)

@@ -1,0 +1,115 @@
+"""The check of the reference: a good gait passes, each defect is refused by its name."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from romgrl.errors import ArtifactError
+from romgrl.gait.features import Gait
+from romgrl.gait.reference import check_reference, largest_trend, slip_speed
+
+SPEED, DT, STRIDE, DUTY, EPISODES, STEPS = 4.0, 1.0 / 30.0, 0.6, 0.3, 4, 200
+
+
+def runner(phase_between_feet: float = 0.5) -> Gait:
+    """A runner worked out from its definition: feet fixed to the ground in stance, the body a cosine."""
+    time = DT * np.arange(STEPS) + 0.1 * np.arange(EPISODES)[:, None]
+    features = np.zeros((EPISODES, STEPS, 5))
+    contact = np.zeros((EPISODES, STEPS, 2), bool)
+    features[..., 0] = 0.9 + 0.04 * np.cos(4 * np.pi * time / STRIDE)
+    reach = 0.5 * SPEED * DUTY * STRIDE
+    for foot in range(2):
+        phase = (time / STRIDE + foot * phase_between_feet) % 1.0
+        stance = phase < DUTY
+        back = reach - SPEED * STRIDE * phase
+        forward = -reach * np.cos(np.pi * (phase - DUTY) / (1 - DUTY))
+        features[..., 1 + 2 * foot] = np.where(stance, back, forward)
+        lift = 0.2 * np.sin(np.pi * (phase - DUTY) / (1 - DUTY)) * ~stance
+        features[..., 2 + 2 * foot] = 0.07 - features[..., 0] + lift
+        contact[..., foot] = stance
+    velocity = np.full((EPISODES, STEPS), SPEED)
+    valid = np.ones((EPISODES, STEPS), bool)
+    return Gait(features, valid, np.zeros(EPISODES, bool), DT, velocity=velocity, contact=contact)
+
+
+def test_good_reference_passes_with_its_numbers() -> None:
+    measured = check_reference(runner())
+    assert measured["falls"] == 0
+    assert measured["left_right_correlation"] < -0.8
+    assert measured["slip"] == pytest.approx(0.0, abs=1e-9)
+    assert measured["lowest_body"] == pytest.approx(0.86 / 0.9, abs=0.01)
+    assert measured["speed_trend"] == pytest.approx(0.0, abs=1e-9)
+    assert measured["height_trend"] < 0.02
+
+
+def test_terminated_episode_is_a_fall() -> None:
+    gait = runner()
+    gait.fallen[2] = True
+    with pytest.raises(ArtifactError, match=r"falls: in 1 of 4 episodes, limit 0"):
+        check_reference(gait)
+
+
+def test_body_on_the_ground_is_a_fall() -> None:
+    gait = runner()
+    gait.features[1, 150:, 0] = 0.45
+    with pytest.raises(ArtifactError, match=r"falls: lowest body height 0\.\d+ of the median, limit 0\.7"):
+        check_reference(gait)
+
+
+def test_two_legged_hop_is_refused() -> None:
+    with pytest.raises(ArtifactError, match=r"hops: left-right correlation of foot x 1\.00, limit -0\.5"):
+        check_reference(runner(phase_between_feet=0.0))
+
+
+def test_still_feet_are_no_gait() -> None:
+    gait = runner()
+    gait.features[..., 1:] = 0.0
+    with pytest.raises(ArtifactError, match="hops"):
+        check_reference(gait)
+
+
+def test_sliding_foot_is_refused() -> None:
+    gait = dataclasses.replace(runner(), velocity=np.full((EPISODES, STEPS), SPEED + 1.5))
+    with pytest.raises(ArtifactError, match=r"slides: .* 1\.50 m/s, limit 1\.10"):
+        check_reference(gait)
+
+
+def test_reference_without_stance_is_refused() -> None:
+    gait = dataclasses.replace(runner(), contact=np.zeros((EPISODES, STEPS, 2), bool))
+    with pytest.raises(ArtifactError, match="slides"):
+        check_reference(gait)
+
+
+def test_speed_drift_is_refused() -> None:
+    gait = runner()
+    assert gait.velocity is not None
+    gait.velocity[3] *= np.linspace(0.9, 1.1, STEPS)
+    with pytest.raises(ArtifactError, match=r"drifts: speed changes by 20% across an episode, limit 10%"):
+        check_reference(gait)
+
+
+def test_height_drift_is_refused() -> None:
+    gait = runner()
+    gait.features[0, :, 0] += np.linspace(0.0, 0.09, STEPS)
+    with pytest.raises(ArtifactError, match=r"drifts: body height changes by (9|10|11)% across an episode, limit 5%"):
+        check_reference(gait)
+
+
+def test_check_needs_velocity_and_contact() -> None:
+    with pytest.raises(ValueError, match="contacts"):
+        check_reference(dataclasses.replace(runner(), contact=None))
+
+
+def test_trend_is_the_change_along_the_fitted_line() -> None:
+    values = np.array([[1.0, 2.0, 3.0, 100.0], [5.0, 5.0, 5.0, 5.0]])
+    valid = np.array([[True, True, True, False], [True] * 4])
+    assert largest_trend(values, valid) == pytest.approx(2.0)
+
+
+def test_slip_of_a_foot_that_stays_behind() -> None:
+    features = np.zeros((1, 3, 5))
+    features[0, :, 1] = [0.3, 0.2, 0.1]
+    contact = np.array([[[True, False]] * 3])
+    slip = slip_speed(features, contact, np.full((1, 3), 1.5), 0.1, np.ones((1, 3), bool))
+    assert slip == pytest.approx(0.5)
