@@ -1,0 +1,127 @@
+#include "batch.hpp"
+
+#include <algorithm>
+#include <mutex>
+#include <stdexcept>
+#include <system_error>
+#include <thread>
+
+namespace romgrl {
+namespace {
+
+// Box2D fills global tables at the first contact; do it before there are threads.
+void warm_up() {
+    static std::once_flag once;
+    std::call_once(once, [] {
+        Walker walker(Parameters{});
+        Pose pose;
+        pose.y = 0.9;
+        pose.leg_length.fill(0.865);
+        walker.place(pose);
+        walker.step({0.0, 0.0});
+    });
+}
+
+}  // namespace
+
+Batch::Batch(const Parameters& parameters, int worlds, int threads) : parameters_(parameters) {
+    validate(parameters);
+    if (worlds < 1 || worlds > 100000) throw std::invalid_argument("the number of worlds must be 1 to 100000");
+    if (threads < 1 || threads > 1024) throw std::invalid_argument("the number of threads must be 1 to 1024");
+    threads_ = std::min(threads, worlds);
+    warm_up();
+    environments_.reserve(worlds);
+    for (int i = 0; i < worlds; ++i) {
+        environments_.push_back(std::make_unique<Environment>(parameters, static_cast<std::uint64_t>(i)));
+    }
+}
+
+// Static chunks. The caller's thread takes the first, and those for which the system has no thread.
+void Batch::split(const std::function<void(int, int)>& work) const {
+    const int total = worlds();
+    const auto begin = [total, this](int i) { return static_cast<int>(static_cast<long long>(total) * i / threads_); };
+    std::vector<std::thread> pool;
+    pool.reserve(threads_ - 1);
+    int started = 1;
+    try {
+        for (; started < threads_; ++started) pool.emplace_back(work, begin(started), begin(started + 1));
+    } catch (const std::system_error&) {
+        work(begin(started), total);
+    }
+    work(0, begin(1));
+    for (std::thread& thread : pool) thread.join();
+}
+
+void Batch::seed(std::uint64_t value) {
+    for (auto& environment : environments_) environment->seed(value);
+}
+
+void Batch::reset() {
+    for (auto& environment : environments_) environment->reset();
+}
+
+void Batch::step_world(int world, const float* actions, const StepArrays& arrays) {
+    Environment& environment = *environments_[world];
+    const Outcome outcome = environment.step(actions + kActions * world);
+    const int size = environment.observation_size();
+    float* final_observation = arrays.final_observation + size * world;
+    float* features = arrays.features + kFeatures * world;
+    environment.observe(final_observation);
+    environment.features(features);
+    environment.contact(arrays.contact + kLegs * world);
+    arrays.reward[world] = outcome.reward;
+    arrays.terminated[world] = outcome.terminated;
+    arrays.truncated[world] = outcome.truncated;
+    arrays.diverged[world] = outcome.diverged;
+    arrays.forward_velocity[world] = outcome.forward_velocity;
+    for (int i = 0; i < kLegs; ++i) {
+        arrays.ground_force[kLegs * world + i] = static_cast<float>(environment.walker().ground_force()[i]);
+        arrays.hip_torque[kLegs * world + i] = static_cast<float>(environment.walker().hip_torque()[i]);
+    }
+    if (outcome.terminated || outcome.truncated) environment.reset();
+    environment.observe(arrays.observation + size * world);
+    environment.features(arrays.reset_features + kFeatures * world);
+}
+
+void Batch::step(const float* actions, const StepArrays& arrays) {
+    split([&](int begin, int end) {
+        for (int world = begin; world < end; ++world) step_world(world, actions, arrays);
+    });
+}
+
+void Batch::observe(float* observation, float* features, bool* contact) const {
+    const int size = observation_size();
+    for (int world = 0; world < worlds(); ++world) {
+        environments_[world]->observe(observation + size * world);
+        environments_[world]->features(features + kFeatures * world);
+        environments_[world]->contact(contact + kLegs * world);
+    }
+}
+
+void Batch::place(int world, const Pose& pose) {
+    if (world < 0 || world >= worlds()) throw std::invalid_argument("there is no world of this index");
+    environments_[world]->place(pose);
+}
+
+void Batch::save(double* states) const {
+    for (int world = 0; world < worlds(); ++world) {
+        environments_[world]->save(states + Environment::kStateSize * world);
+    }
+}
+
+void Batch::restore(const double* states) {
+    std::vector<double> before(static_cast<std::size_t>(Environment::kStateSize) * worlds());
+    save(before.data());
+    try {
+        for (int world = 0; world < worlds(); ++world) {
+            environments_[world]->restore(states + Environment::kStateSize * world);
+        }
+    } catch (const std::invalid_argument&) {
+        for (int world = 0; world < worlds(); ++world) {
+            environments_[world]->restore(before.data() + Environment::kStateSize * world);
+        }
+        throw;
+    }
+}
+
+}  // namespace romgrl

@@ -1,0 +1,163 @@
+// Python module romgrl.rom._core: checks arrays, releases the GIL once per call, computes on raw pointers.
+#include <cmath>
+#include <string>
+
+#include <pybind11/numpy.h>
+#include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
+
+#include "batch.hpp"
+
+namespace py = pybind11;
+using romgrl::Batch;
+using romgrl::Environment;
+using romgrl::Parameters;
+using romgrl::Pose;
+
+namespace {
+
+// The data of a C-contiguous array of exactly this dtype and shape (columns 0: one-dimensional).
+template <typename T>
+T* data(py::array& array, const char* name, py::ssize_t rows, py::ssize_t columns, bool writeable) {
+    const bool shaped = columns == 0 ? array.ndim() == 1 && array.shape(0) == rows
+                                     : array.ndim() == 2 && array.shape(0) == rows && array.shape(1) == columns;
+    if (!shaped || !array.dtype().equal(py::dtype::of<T>()) || !(array.flags() & py::array::c_style)) {
+        const std::string shape = std::to_string(rows) + (columns == 0 ? "," : ", " + std::to_string(columns));
+        throw py::value_error(std::string(name) + " must be a C-contiguous array of shape (" + shape + ") and dtype " +
+                              std::string(py::str(py::dtype::of<T>())));
+    }
+    if (writeable && !array.writeable()) throw py::value_error(std::string(name) + " is read-only");
+    return static_cast<T*>(const_cast<void*>(array.data()));
+}
+
+template <typename T>
+void require_finite(const T* values, py::ssize_t count, const char* name) {
+    for (py::ssize_t i = 0; i < count; ++i) {
+        if (!std::isfinite(values[i])) throw py::value_error(std::string(name) + " must be finite");
+    }
+}
+
+void step(Batch& batch, py::array actions, py::array observation, py::array reward, py::array terminated,
+          py::array truncated, py::array final_observation, py::array features, py::array reset_features,
+          py::array contact, py::array forward_velocity, py::array ground_force, py::array hip_torque,
+          py::array diverged) {
+    const py::ssize_t n = batch.worlds(), size = batch.observation_size();
+    const float* action = data<float>(actions, "actions", n, romgrl::kActions, false);
+    require_finite(action, n * romgrl::kActions, "actions");
+    romgrl::StepArrays arrays{};
+    arrays.observation = data<float>(observation, "observation", n, size, true);
+    arrays.reward = data<float>(reward, "reward", n, 0, true);
+    arrays.terminated = data<bool>(terminated, "terminated", n, 0, true);
+    arrays.truncated = data<bool>(truncated, "truncated", n, 0, true);
+    arrays.final_observation = data<float>(final_observation, "final_observation", n, size, true);
+    arrays.features = data<float>(features, "features", n, romgrl::kFeatures, true);
+    arrays.reset_features = data<float>(reset_features, "reset_features", n, romgrl::kFeatures, true);
+    arrays.contact = data<bool>(contact, "contact", n, romgrl::kLegs, true);
+    arrays.forward_velocity = data<float>(forward_velocity, "forward_velocity", n, 0, true);
+    arrays.ground_force = data<float>(ground_force, "ground_force", n, romgrl::kLegs, true);
+    arrays.hip_torque = data<float>(hip_torque, "hip_torque", n, romgrl::kLegs, true);
+    arrays.diverged = data<bool>(diverged, "diverged", n, 0, true);
+    py::gil_scoped_release release;
+    batch.step(action, arrays);
+}
+
+void observe(const Batch& batch, py::array observation, py::array features, py::array contact) {
+    const py::ssize_t n = batch.worlds();
+    float* o = data<float>(observation, "observation", n, batch.observation_size(), true);
+    float* f = data<float>(features, "features", n, romgrl::kFeatures, true);
+    bool* c = data<bool>(contact, "contact", n, romgrl::kLegs, true);
+    py::gil_scoped_release release;
+    batch.observe(o, f, c);
+}
+
+py::array_t<double> save(const Batch& batch) {
+    py::array_t<double> states({static_cast<py::ssize_t>(batch.worlds()), py::ssize_t{Environment::kStateSize}});
+    batch.save(states.mutable_data());
+    return states;
+}
+
+void restore(Batch& batch, py::array states) {
+    const double* values = data<double>(states, "states", batch.worlds(), Environment::kStateSize, false);
+    batch.restore(values);
+}
+
+void bind_parameters(py::module_& module) {
+    py::class_<Parameters> c(module, "Parameters");
+    c.def(py::init<>());
+#define ROMGRL_FIELD(name) c.def_readwrite(#name, &Parameters::name)
+    ROMGRL_FIELD(mass);
+    ROMGRL_FIELD(leg_length);
+    ROMGRL_FIELD(foot_radius);
+    ROMGRL_FIELD(foot_mass);
+    ROMGRL_FIELD(stiffness);
+    ROMGRL_FIELD(stance_damping);
+    ROMGRL_FIELD(swing_damping);
+    ROMGRL_FIELD(hip_torque);
+    ROMGRL_FIELD(torque_lag);
+    ROMGRL_FIELD(trunk_moment_limit);
+    ROMGRL_FIELD(retraction);
+    ROMGRL_FIELD(retraction_time);
+    ROMGRL_FIELD(hip_angle_limit);
+    ROMGRL_FIELD(compression_limit);
+    ROMGRL_FIELD(extension_limit);
+    ROMGRL_FIELD(friction);
+    ROMGRL_FIELD(trunk_locked);
+    ROMGRL_FIELD(trunk_pinned);
+    ROMGRL_FIELD(trunk_inertia);
+    ROMGRL_FIELD(trunk_pitch_limit);
+    ROMGRL_FIELD(fall_height);
+    ROMGRL_FIELD(substeps);
+    ROMGRL_FIELD(velocity_iterations);
+    ROMGRL_FIELD(position_iterations);
+    ROMGRL_FIELD(gravity);
+    ROMGRL_FIELD(reset_hip_angle_low);
+    ROMGRL_FIELD(reset_hip_angle_high);
+    ROMGRL_FIELD(reset_speed_low);
+    ROMGRL_FIELD(reset_speed_high);
+    ROMGRL_FIELD(speed);
+    ROMGRL_FIELD(control_frequency);
+    ROMGRL_FIELD(episode_steps);
+    ROMGRL_FIELD(alpha);
+    ROMGRL_FIELD(reward_is_velocity);
+    ROMGRL_FIELD(observation_is_paper);
+#undef ROMGRL_FIELD
+}
+
+void bind_pose(py::module_& module) {
+    py::class_<Pose>(module, "Pose")
+        .def(py::init<>())
+        .def_readwrite("x", &Pose::x)
+        .def_readwrite("y", &Pose::y)
+        .def_readwrite("vx", &Pose::vx)
+        .def_readwrite("vy", &Pose::vy)
+        .def_readwrite("pitch", &Pose::pitch)
+        .def_readwrite("pitch_rate", &Pose::pitch_rate)
+        .def_readwrite("hip_angle", &Pose::hip_angle)
+        .def_readwrite("hip_rate", &Pose::hip_rate)
+        .def_readwrite("leg_length", &Pose::leg_length)
+        .def_readwrite("leg_rate", &Pose::leg_rate);
+}
+
+}  // namespace
+
+PYBIND11_MODULE(_core, module) {
+    module.doc() = "Spring-leg worlds in Box2D, stepped in batches.";
+    bind_parameters(module);
+    bind_pose(module);
+    module.attr("STATE_SIZE") = py::int_(Environment::kStateSize);
+    py::class_<Batch>(module, "Batch")
+        .def(py::init<const Parameters&, int, int>(), py::arg("parameters"), py::arg("num_worlds"),
+             py::arg("num_threads"))
+        .def_property_readonly("num_worlds", &Batch::worlds)
+        .def_property_readonly("observation_size", &Batch::observation_size)
+        .def("seed", &Batch::seed, py::arg("seed"))
+        .def("reset", &Batch::reset)
+        .def("step", &step, py::arg("actions"), py::arg("observation"), py::arg("reward"), py::arg("terminated"),
+             py::arg("truncated"), py::arg("final_observation"), py::arg("features"), py::arg("reset_features"),
+             py::arg("contact"), py::arg("forward_velocity"), py::arg("ground_force"), py::arg("hip_torque"),
+             py::arg("diverged"))
+        .def("observe", &observe, py::arg("observation"), py::arg("features"), py::arg("contact"))
+        .def("place", &Batch::place, py::arg("world"), py::arg("pose"))
+        .def("save", &save)
+        .def("restore", &restore, py::arg("states"));
+}

@@ -1,0 +1,219 @@
+#include "physics.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace romgrl {
+namespace {
+
+// m. The bodies stay near Box2D's origin, where float32 is fine; moving them by a power of two rounds nothing.
+constexpr double kShift = 4.0;
+constexpr float kGroundHalfLength = 128.0F;
+constexpr double kLargestNumber = 1e3;  // m, m/s, rad, rad/s: beyond this a state has diverged
+constexpr double kLargestForce = 1e12;
+constexpr double kShortestLever = 0.05;  // share of leg_length; keeps torque / length finite
+
+void add_ground(b2World& world, double friction) {
+    b2BodyDef definition;
+    b2Body* ground = world.CreateBody(&definition);
+    b2EdgeShape edge;
+    // Edges carry a skin of b2_polygonRadius: lowered by it, the surface is y = 0.
+    edge.SetTwoSided({-kGroundHalfLength, -b2_polygonRadius}, {kGroundHalfLength, -b2_polygonRadius});
+    b2FixtureDef fixture;
+    fixture.shape = &edge;
+    fixture.friction = static_cast<float>(friction);
+    ground->CreateFixture(&fixture);
+}
+
+b2Body* add_body(b2World& world, bool pinned, bool fixed_rotation) {
+    b2BodyDef definition;
+    definition.type = pinned ? b2_staticBody : b2_dynamicBody;
+    definition.fixedRotation = fixed_rotation;
+    definition.allowSleep = false;
+    definition.position.Set(0.0F, 1.0F);
+    return world.CreateBody(&definition);
+}
+
+void set_mass(b2Body* body, double mass, double inertia) {
+    b2MassData data;
+    data.mass = static_cast<float>(mass);
+    data.center.SetZero();
+    data.I = static_cast<float>(inertia);
+    body->SetMassData(&data);
+}
+
+b2Vec2 vector(double x, double y) { return {static_cast<float>(x), static_cast<float>(y)}; }
+
+bool small(double value) { return std::fabs(value) < kLargestNumber; }  // false for NaN
+
+bool sane_body(const b2Body* body) {
+    const b2Vec2& p = body->GetPosition();
+    const b2Vec2& v = body->GetLinearVelocity();
+    return small(p.x) && small(p.y) && small(v.x) && small(v.y) && small(body->GetAngle()) &&
+           small(body->GetAngularVelocity());
+}
+
+}  // namespace
+
+Walker::Walker(const Parameters& parameters)
+    : parameters_(parameters),
+      dt_(parameters.substep_time()),
+      lag_gain_(parameters.torque_lag > 0.0 ? -std::expm1(-dt_ / parameters.torque_lag) : 1.0),
+      world_(vector(0.0, -parameters.gravity)) {
+    world_.SetAllowSleeping(false);
+    world_.SetContinuousPhysics(false);
+    // Without warm starting a step depends on positions and velocities alone, so that a saved state is exact.
+    world_.SetWarmStarting(false);
+    add_ground(world_, parameters.friction);
+    trunk_ = add_body(world_, parameters.trunk_pinned, parameters.trunk_locked);
+    set_mass(trunk_, parameters.mass - kLegs * parameters.foot_mass, parameters.trunk_inertia);
+    for (int i = 0; i < kLegs; ++i) {
+        feet_[i] = add_body(world_, false, true);
+        b2CircleShape circle;
+        circle.m_radius = static_cast<float>(parameters.foot_radius);
+        b2FixtureDef fixture;
+        fixture.shape = &circle;
+        fixture.friction = static_cast<float>(parameters.friction);
+        fixture.filter.groupIndex = -1;  // feet pass each other
+        feet_[i]->CreateFixture(&fixture);
+        set_mass(feet_[i], parameters.foot_mass, 0.0);
+        b2DistanceJointDef joint;
+        joint.bodyA = trunk_;
+        joint.bodyB = feet_[i];
+        joint.length = static_cast<float>(parameters.leg_length);
+        joint.minLength = static_cast<float>(parameters.compression_limit * parameters.leg_length);
+        joint.maxLength = static_cast<float>(parameters.extension_limit * parameters.leg_length);
+        stops_[i] = static_cast<b2DistanceJoint*>(world_.CreateJoint(&joint));
+    }
+}
+
+LegView Walker::leg(int side) const {
+    const b2Body* body = foot(side);
+    const b2Vec2 d = body->GetPosition() - trunk_->GetPosition();
+    const b2Vec2 v = body->GetLinearVelocity() - trunk_->GetLinearVelocity();
+    LegView view{};
+    view.length = std::sqrt(double(d.x) * d.x + double(d.y) * d.y);
+    view.along_x = view.length > 0.0 ? d.x / view.length : 0.0;
+    view.along_y = view.length > 0.0 ? d.y / view.length : -1.0;
+    view.rate = view.along_x * v.x + view.along_y * v.y;
+    view.angle = std::atan2(view.along_x, -view.along_y);
+    const double lever = std::max(view.length, kShortestLever * parameters_.leg_length);
+    view.angle_rate = (-view.along_y * v.x + view.along_x * v.y) / lever;
+    view.height = body->GetPosition().y;
+    view.contact = body->GetPosition().y <= static_cast<float>(parameters_.foot_radius);
+    return view;
+}
+
+bool Walker::loaded(int side, const LegView& view) const { return view.contact && view.length < rest_length(side); }
+
+double Walker::axial_force(int side, const LegView& view) const {
+    const double damping = loaded(side, view) ? parameters_.stance_damping : parameters_.swing_damping;
+    return parameters_.stiffness * (rest_length(side) - view.length) - damping * view.rate;
+}
+
+void Walker::set_last_touchdown(int side, double at_x) {
+    last_touchdown_side_ = side == 0 ? 1 : -1;
+    last_touchdown_x_ = at_x;
+}
+
+void Walker::update_touchdown(int side, const LegView& view, bool is_loaded) {
+    Motion& motion = motion_[side];
+    if (motion.airborne && is_loaded) {
+        motion.airborne = false;
+        motion.touchdown_angle = view.angle;
+        set_last_touchdown(side, x());
+    } else if (!view.contact) {
+        motion.airborne = true;
+    }
+}
+
+// An unloaded leg shortens until it has passed half of its last touchdown angle, then extends again.
+void Walker::update_shortening(int side, const LegView& view, bool is_loaded) {
+    Motion& motion = motion_[side];
+    const bool early = !is_loaded && view.angle < 0.5 * std::max(motion.touchdown_angle, 0.0);
+    const double full = parameters_.retraction * parameters_.leg_length;
+    const double change = full * dt_ / parameters_.retraction_time;
+    const double target = early ? full : 0.0;
+    motion.shortening += std::clamp(target - motion.shortening, -change, change);
+}
+
+// Hip stops: a critically damped spring whose period is a fixed number of substeps, as torque on the leg. It only pushes
+// back. The effective inertia is that of a foot on a massless leg.
+double Walker::stop_torque(const LegView& view) const {
+    const double angle = view.angle + pitch();
+    const double excess = std::fabs(angle) - parameters_.hip_angle_limit;
+    if (excess <= 0.0) return 0.0;
+    const double side = angle > 0.0 ? 1.0 : -1.0;
+    const double frequency = 0.3 / dt_;
+    const double rate = side * (view.angle_rate + pitch_rate());
+    const double acceleration = frequency * frequency * excess + 2.0 * frequency * rate;
+    return -side * parameters_.foot_mass * view.length * view.length * std::max(acceleration, 0.0);
+}
+
+bool Walker::substep(const std::array<double, kLegs>& command) {
+    std::array<LegView, kLegs> view{};
+    for (int i = 0; i < kLegs; ++i) {
+        view[i] = leg(i);
+        const bool is_loaded = loaded(i, view[i]);
+        update_touchdown(i, view[i], is_loaded);
+        update_shortening(i, view[i], is_loaded);
+        motion_[i].torque += lag_gain_ * (command[i] - motion_[i].torque);
+    }
+    const double net = motion_[0].torque + motion_[1].torque;
+    const double limit = parameters_.trunk_moment_limit;
+    const double excess = net - std::clamp(net, -limit, limit);
+    std::array<double, kLegs> fx{}, fy{}, torque{};
+    for (int i = 0; i < kLegs; ++i) {
+        hip_torque_[i] = motion_[i].torque - 0.5 * excess;
+        torque[i] = hip_torque_[i] + stop_torque(view[i]);
+        const double axial = axial_force(i, view[i]);
+        const double across = torque[i] / std::max(view[i].length, kShortestLever * parameters_.leg_length);
+        fx[i] = axial * view[i].along_x - across * view[i].along_y;
+        fy[i] = axial * view[i].along_y + across * view[i].along_x;
+        if (!(std::fabs(fx[i]) < kLargestForce && std::fabs(fy[i]) < kLargestForce)) return false;
+    }
+    for (int i = 0; i < kLegs; ++i) foot(i)->ApplyForceToCenter(vector(fx[i], fy[i]), true);
+    trunk_->ApplyForceToCenter(vector(-(fx[0] + fx[1]), -(fy[0] + fy[1])), true);
+    trunk_->ApplyTorque(static_cast<float>(-(torque[0] + torque[1])), true);
+    for (b2DistanceJoint* stop : stops_) {  // setting a limit clears its impulse, which Box2D would carry over
+        stop->SetMinLength(stop->GetMinLength());
+        stop->SetMaxLength(stop->GetMaxLength());
+    }
+    world_.Step(static_cast<float>(dt_), parameters_.velocity_iterations, parameters_.position_iterations);
+    add_ground_force();
+    if (!sane()) return false;
+    recentre();
+    return true;
+}
+
+void Walker::add_ground_force() {
+    for (int i = 0; i < kLegs; ++i) {
+        for (b2ContactEdge* edge = foot(i)->GetContactList(); edge != nullptr; edge = edge->next) {
+            if (!edge->contact->IsTouching()) continue;
+            const double impulse = edge->contact->GetManifold()->points[0].normalImpulse;
+            ground_force_[i] += impulse / (dt_ * parameters_.substeps);
+        }
+    }
+}
+
+bool Walker::step(const std::array<double, kLegs>& command) {
+    ground_force_.fill(0.0);
+    for (int i = 0; i < parameters_.substeps; ++i) {
+        if (!substep(command)) return false;
+    }
+    return true;
+}
+
+bool Walker::sane() const { return sane_body(trunk_) && sane_body(feet_[0]) && sane_body(feet_[1]); }
+
+void Walker::recentre() {
+    const double shift = kShift * std::trunc(trunk_->GetPosition().x / kShift);
+    if (shift == 0.0) return;
+    origin_ += shift;
+    for (b2Body* body : {trunk_, feet_[0], feet_[1]}) {
+        const b2Vec2 p = body->GetPosition();
+        body->SetTransform({static_cast<float>(p.x - shift), p.y}, body->GetAngle());
+    }
+}
+
+}  // namespace romgrl

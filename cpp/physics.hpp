@@ -1,0 +1,96 @@
+// A trunk on two spring legs in Box2D: forces, contact and state. Knows nothing of episodes or rewards.
+//
+// Signs: angles are positive forward. The world angle of a leg is theta = atan2(dx, -dy) of the vector from hip to foot;
+// pitch is positive when the trunk leans forward (Box2D's angle is -pitch); hip angle = theta + pitch. A positive hip
+// torque swings the leg forward. Left is leg 0, right is leg 1.
+#pragma once
+
+#include <array>
+#include <memory>
+
+#include <box2d/box2d.h>
+
+#include "parameters.hpp"
+
+namespace romgrl {
+
+constexpr int kLegs = 2;
+
+// Where to put a world: SI units, the order of the legs is left, right.
+struct Pose {
+    double x = 0.0, y = 1.0, vx = 0.0, vy = 0.0, pitch = 0.0, pitch_rate = 0.0;
+    std::array<double, kLegs> hip_angle{}, hip_rate{}, leg_length{}, leg_rate{};
+};
+
+struct LegView {
+    double length, rate;  // m, m/s
+    double angle, angle_rate;  // theta, in the world: rad, rad/s
+    double along_x, along_y;  // unit vector from hip to foot; (-along_y, along_x) points to larger angles
+    double height;  // foot centre above ground, m
+    bool contact;  // the foot circle touches the ground
+};
+
+class Walker {
+  public:
+    static constexpr int kStateSize = 30;
+
+    explicit Walker(const Parameters& parameters);
+
+    void place(const Pose& pose);
+    // One control step with hip torque commands in N m. False: the state left the numbers that Box2D can take.
+    bool step(const std::array<double, kLegs>& command);
+
+    LegView leg(int side) const;
+    double x() const { return origin_ + trunk_->GetPosition().x; }
+    double y() const { return trunk_->GetPosition().y; }
+    double vx() const { return trunk_->GetLinearVelocity().x; }
+    double vy() const { return trunk_->GetLinearVelocity().y; }
+    double pitch() const { return -trunk_->GetAngle(); }
+    double pitch_rate() const { return -trunk_->GetAngularVelocity(); }
+    double axial_force(int side, const LegView& view) const;  // spring and damper, positive pushes apart, N
+    bool loaded(int side, const LegView& view) const;  // on the ground and compressed
+
+    const std::array<double, kLegs>& ground_force() const { return ground_force_; }  // mean of the last step, N
+    const std::array<double, kLegs>& hip_torque() const { return hip_torque_; }  // of the last substep, N m
+    double last_touchdown_x() const { return last_touchdown_x_; }
+    int last_touchdown_side() const { return last_touchdown_side_; }  // 1 left, -1 right, 0 none
+    void set_last_touchdown(int side, double at_x);
+
+    void save(double* state) const;
+    // Throws std::invalid_argument if the numbers are no state.
+    void restore(const double* state);
+
+  private:
+    struct Motion {
+        double torque = 0.0;  // motor, after its lag
+        double shortening = 0.0;  // retraction of the rest length, m
+        double touchdown_angle = 0.0;
+        bool airborne = true;  // left the ground since it was last loaded
+    };
+
+    void set_slots(bool swapped);
+    b2Body* foot(int side) const { return feet_[slot_[side]]; }
+    double rest_length(int side) const { return parameters_.leg_length - motion_[side].shortening; }
+    void update_touchdown(int side, const LegView& view, bool is_loaded);
+    void update_shortening(int side, const LegView& view, bool is_loaded);
+    double stop_torque(const LegView& view) const;
+    bool substep(const std::array<double, kLegs>& command);
+    void add_ground_force();
+    void recentre();
+    bool sane() const;
+
+    Parameters parameters_;
+    double dt_, lag_gain_;
+    b2World world_;
+    b2Body* trunk_ = nullptr;
+    std::array<b2Body*, kLegs> feet_{};
+    std::array<b2DistanceJoint*, kLegs> stops_{};
+    std::array<int, kLegs> slot_{0, 1};
+    std::array<Motion, kLegs> motion_{};
+    std::array<double, kLegs> ground_force_{}, hip_torque_{};
+    double origin_ = 0.0;  // world x of Box2D's origin
+    double last_touchdown_x_ = 0.0;
+    int last_touchdown_side_ = 0;
+};
+
+}  // namespace romgrl

@@ -1,0 +1,61 @@
+"""A fast drawing of one spring-leg world."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from PIL import Image, ImageDraw
+
+from romgrl.rom.parameters import SpringLegParameters
+
+WIDTH, HEIGHT = 640, 360
+_OVERSAMPLING = 2
+_SKY, _GROUND, _MARK = (250, 250, 248), (222, 219, 210), (165, 160, 148)
+_TRUNK, _LEGS = (55, 65, 81), ((37, 99, 235), (217, 83, 25))  # left blue, right orange
+Point = tuple[float, float]
+
+
+def _spring(start: Point, end: Point, amplitude: float) -> list[Point]:
+    """Zigzag between two points, straight at both ends."""
+    dx, dy = end[0] - start[0], end[1] - start[1]
+    length = math.hypot(dx, dy) or 1.0
+    across = (-dy / length * amplitude, dx / length * amplitude)
+    points = [start]
+    turns = 12
+    for i in range(turns + 1):
+        share = 0.2 + 0.6 * i / turns
+        side = 0.0 if i in (0, turns) else (1.0 if i % 2 else -1.0)
+        points.append((start[0] + share * dx + side * across[0], start[1] + share * dy + side * across[1]))
+    return [*points, end]
+
+
+def draw(features: ArrayLike, contact: ArrayLike, x: float, parameters: SpringLegParameters) -> NDArray[np.uint8]:
+    """Draw a world: features (5,) m, contact (2,) bool, x of the trunk in m. Returns (360, 640, 3) uint8, trunk centred."""
+    values = np.asarray(features, np.float64)
+    scale = 0.6 * HEIGHT * _OVERSAMPLING / (parameters.leg_length + parameters.foot_radius)
+    horizon = 0.82 * HEIGHT * _OVERSAMPLING
+    centre = 0.5 * WIDTH * _OVERSAMPLING
+
+    def pixel(forward: float, up: float) -> Point:
+        return centre + scale * forward, horizon - scale * up
+
+    image = Image.new("RGB", (WIDTH * _OVERSAMPLING, HEIGHT * _OVERSAMPLING), _SKY)
+    canvas = ImageDraw.Draw(image)
+    canvas.rectangle((0, horizon, WIDTH * _OVERSAMPLING, HEIGHT * _OVERSAMPLING), fill=_GROUND)
+    reach = int(centre / scale) + 1
+    for metre in range(math.floor(x) - reach, math.ceil(x) + reach + 1):  # a mark every metre
+        mark = pixel(metre - x, 0.0)
+        canvas.line((mark[0], mark[1], mark[0] - 12, mark[1] + 24), fill=_MARK, width=4)
+    hip = pixel(0.0, values[0])
+    radius = parameters.foot_radius * scale
+    for side in (1, 0):
+        foot = pixel(values[1 + 2 * side], values[0] + values[2 + 2 * side])
+        canvas.line(_spring(hip, foot, 0.045 * scale), fill=_LEGS[side], width=6, joint="curve")
+        box = (foot[0] - radius, foot[1] - radius, foot[0] + radius, foot[1] + radius)
+        canvas.ellipse(box, fill=_LEGS[side] if np.asarray(contact)[side] else _SKY, outline=_LEGS[side], width=6)
+    half = 0.12 * scale
+    canvas.rounded_rectangle((hip[0] - half, hip[1] - half, hip[0] + half, hip[1] + half), half / 3, fill=_TRUNK)
+    image = image.resize((WIDTH, HEIGHT), Image.Resampling.BOX)
+    return np.asarray(image, np.uint8).copy()

@@ -1,0 +1,175 @@
+"""Many spring-leg worlds as one Gymnasium vector environment."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, ClassVar
+
+import gymnasium
+import numpy as np
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from romgrl.rom import _core
+from romgrl.rom.mirror import MIRROR_ACTION, MIRROR_OBSERVATION, MIRROR_PAPER_OBSERVATION, Mirror
+from romgrl.rom.parameters import Reward, SpringLegParameters, core_parameters
+from romgrl.rom.rendering import draw
+
+Array = NDArray[Any]
+
+
+class SpringLegVectorEnv(VectorEnv[Array, Array, Array]):
+    """A trunk on two spring legs, driven by two hip torques, to hold a forward speed (paper section 3.2).
+
+    Observation: (N, 20) float32, or the 13 columns that the paper lists; see `romgrl.rom.mirror.OBSERVATION_NAMES`.
+    Action: (N, 2) float32, left and right hip torque as a share of `hip_torque`, clipped to [-1, 1]; NaN raises ValueError.
+    Reward: exp(-alpha |v - speed|) or v, where v is the mean forward velocity of the trunk over the control step.
+    Terminated: trunk below `fall_height` leg lengths, a free trunk beyond `trunk_pitch_limit`, or a diverged state.
+    Truncated: after `episode_steps` control steps.
+
+    Finished worlds are reset in the same step; `info` holds, for all worlds and from before that reset, "final_obs",
+    "features" (N, 5) m, "forward_velocity" (N,) m/s, "contact" (N, 2) bool, "ground_force" (N, 2) N (mean over the step),
+    "hip_torque" (N, 2) N m (at its end), "diverged" (N,) bool; and "reset_features" (N, 5) from after it.
+    Arrays are reused: they are valid until the next step or reset.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {  # type: ignore[misc]
+        "render_modes": ["rgb_array"],
+        "render_fps": 30,
+        "autoreset_mode": AutoresetMode.SAME_STEP,
+    }
+
+    def __init__(
+        self,
+        *,
+        parameters: SpringLegParameters | None = None,
+        num_envs: int = 1,
+        speed: float = 4.0,
+        control_frequency: float = 30.0,
+        episode_steps: int = 400,
+        reward: Reward = "exponential",
+        alpha: float = 1.0,
+        num_threads: int = 1,
+        render_mode: str | None = None,
+    ) -> None:
+        if render_mode not in (None, "rgb_array"):
+            raise ValueError(f"render_mode {render_mode!r} is neither None nor 'rgb_array'")
+        self.parameters = SpringLegParameters() if parameters is None else parameters
+        core = core_parameters(
+            self.parameters,
+            speed=speed,
+            control_frequency=control_frequency,
+            episode_steps=episode_steps,
+            reward=reward,
+            alpha=alpha,
+        )
+        self._batch = _core.Batch(core, num_envs, num_threads)
+        self.num_envs = num_envs
+        self.render_mode = render_mode
+        self.speed = speed
+        self.dt = 1.0 / control_frequency
+        self.metadata = {**type(self).metadata, "render_fps": round(control_frequency)}
+        size = self._batch.observation_size
+        self.single_observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (size,), np.float32)
+        self.single_action_space = gymnasium.spaces.Box(-1.0, 1.0, (2,), np.float32)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        paper = self.parameters.observation == "paper"
+        self.mirror_observation: Mirror = MIRROR_PAPER_OBSERVATION if paper else MIRROR_OBSERVATION
+        self.mirror_action: Mirror = MIRROR_ACTION
+        self._allocate(num_envs, size)
+
+    def _allocate(self, n: int, size: int) -> None:
+        self._observation = np.zeros((n, size), np.float32)
+        self._reward = np.zeros(n, np.float32)
+        self._terminated = np.zeros(n, np.bool_)
+        self._truncated = np.zeros(n, np.bool_)
+        self._final_observation = np.zeros((n, size), np.float32)
+        self._features = np.zeros((n, 5), np.float32)
+        self._reset_features = np.zeros((n, 5), np.float32)
+        self._contact = np.zeros((n, 2), np.bool_)
+        self._forward_velocity = np.zeros(n, np.float32)
+        self._ground_force = np.zeros((n, 2), np.float32)
+        self._hip_torque = np.zeros((n, 2), np.float32)
+        self._diverged = np.zeros(n, np.bool_)
+        self._travelled = np.zeros(n)  # m in this episode, for drawing
+
+    def _info(self) -> dict[str, Any]:
+        return {
+            "final_obs": self._final_observation,
+            "features": self._features,
+            "reset_features": self._reset_features,
+            "forward_velocity": self._forward_velocity,
+            "contact": self._contact,
+            "ground_force": self._ground_force,
+            "hip_torque": self._hip_torque,
+            "diverged": self._diverged,
+        }
+
+    def reset(
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Array, dict[str, Any]]:
+        """Start a new episode in all worlds. The same seed gives the same worlds ever after; without one the streams go on."""
+        if seed is not None and not isinstance(seed, (int, np.integer)):
+            raise ValueError("one seed serves all worlds: seed must be an integer")
+        if seed is not None or self._np_random is None:
+            super().reset(seed=None if seed is None else int(seed))
+            self._batch.seed(int(self.np_random.integers(2**63)))
+        self._batch.reset()
+        self._observe()
+        return self._observation, self._info()
+
+    def _observe(self) -> None:
+        """Refresh the arrays from the worlds as they are, as after a reset."""
+        self._batch.observe(self._observation, self._features, self._contact)
+        self._final_observation[:] = self._observation
+        self._reset_features[:] = self._features
+        for array in (self._forward_velocity, self._ground_force, self._hip_torque, self._diverged, self._travelled):
+            array[:] = 0
+
+    def step(self, actions: Array) -> tuple[Array, Array, Array, Array, dict[str, Any]]:
+        """One control step of all worlds; actions (N, 2) float32, finite."""
+        self._travelled[self._terminated | self._truncated] = 0.0
+        self._batch.step(
+            np.ascontiguousarray(actions),
+            self._observation,
+            self._reward,
+            self._terminated,
+            self._truncated,
+            self._final_observation,
+            self._features,
+            self._reset_features,
+            self._contact,
+            self._forward_velocity,
+            self._ground_force,
+            self._hip_torque,
+            self._diverged,
+        )
+        self._travelled += self._forward_velocity * self.dt
+        return self._observation, self._reward, self._terminated, self._truncated, self._info()
+
+    def save(self) -> NDArray[np.float64]:
+        """State of all worlds, (N, S) float64: positions, velocities, motors, episode and random stream."""
+        return self._batch.save()
+
+    def restore(self, states: NDArray[np.float64]) -> tuple[Array, dict[str, Any]]:
+        """Go back to a state from `save`, bit for bit. Raises ValueError, and changes nothing, if it is none."""
+        self._batch.restore(states)
+        self._observe()
+        return self._observation, self._info()
+
+    def place(self, world: int, pose: _core.Pose) -> tuple[Array, dict[str, Any]]:
+        """Put one world into a pose at the start of an episode."""
+        self._batch.place(world, pose)
+        self._observe()
+        return self._observation, self._info()
+
+    def render(self) -> tuple[NDArray[np.uint8], ...] | None:
+        """One (360, 640, 3) image per world of the state before the autoreset, or None without a render mode."""
+        if self.render_mode is None:
+            return None
+        return tuple(
+            draw(self._features[i], self._contact[i], float(self._travelled[i]), self.parameters)
+            for i in range(self.num_envs)
+        )
