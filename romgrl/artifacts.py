@@ -34,7 +34,7 @@ class FileRecord:
 
 @dataclass(frozen=True)
 class Manifest:
-    """What an artifact is, what it was made from and with. `inputs` maps an upstream stage to the digest of its artifact."""
+    """What an artifact is and was made from; `inputs` maps an upstream stage to the digest of its artifact."""
 
     stage: str
     key: str
@@ -83,7 +83,8 @@ def load_tensors(path: Path) -> tuple[dict[str, torch.Tensor], dict[str, str]]:
 
     try:
         with safe_open(path, framework="pt", device="cpu") as file:
-            return {name: file.get_tensor(name) for name in file.keys()}, dict(file.metadata() or {})  # noqa: SIM118
+            names = file.keys()
+            return {name: file.get_tensor(name) for name in names}, dict(file.metadata() or {})
     except (OSError, SafetensorError) as error:
         raise ArtifactError(f"{path}: cannot be read: {error}") from error
 
@@ -185,7 +186,7 @@ def read_manifest(directory: Path) -> Manifest:
 
 
 def open_artifact(directory: Path, *, stage: str | None = None) -> Manifest:
-    """Verify every file of an artifact (SHA-256, size, dtype, shape). Raises ArtifactError naming the first bad file."""
+    """Verify SHA-256, size, dtypes and shapes of every file. Raises ArtifactError naming the first bad file."""
     manifest = read_manifest(directory)
     if stage is not None and manifest.stage != stage:
         raise ArtifactError(f"{directory / MANIFEST}: made by stage {manifest.stage}, expected {stage}")
