@@ -1,6 +1,6 @@
 """Typed schema of every configuration key, with its meaning, unit and range.
 
-The values live in conf/*.yaml; this file says what is allowed. `validate` checks a composed configuration, and
+The values live in conf/*.yaml; this file says what is allowed. romgrl.validation checks a composed configuration, and
 docs/configuration.md is generated from the same metadata.
 """
 
@@ -35,7 +35,9 @@ class Rom:
 
     name: str = key("name of the reduced-order model")
     mass: float | None = key("total mass, feet included; null: the humanoid's", unit="kg", above=0)
-    leg_length: float | None = key("rest length from hip to foot centre; null: the humanoid's pelvis to ankle", unit="m", above=0)
+    leg_length: float | None = key(
+        "rest length from hip to foot centre; null: the humanoid's pelvis to ankle", unit="m", above=0
+    )
     foot_radius: float | None = key("radius of the foot circle; null: the humanoid's ankle height", unit="m", above=0)
     foot_mass: float = key("mass of each foot", unit="kg", above=0)
     stiffness: float = key("leg spring", unit="N/m", above=0)
@@ -43,8 +45,12 @@ class Rom:
     swing_damping: float = key("leg damping while unloaded", unit="N s/m", low=0)
     hip_torque: float = key("hip torque at action 1", unit="N m", above=0)
     torque_lag: float = key("time constant of the hip motors; 0: none", unit="s", low=0)
-    trunk_moment_limit: float | None = key("largest net hip moment the trunk takes; null: no limit", unit="N m", above=0)
-    retraction: float = key("shortening of an unloaded leg in early swing, share of leg_length; 0: none", low=0, high=0.4)
+    trunk_moment_limit: float | None = key(
+        "largest net hip moment the trunk takes; null: no limit", unit="N m", above=0
+    )
+    retraction: float = key(
+        "shortening of an unloaded leg in early swing, share of leg_length; 0: none", low=0, high=0.4
+    )
     retraction_time: float = key("duration of retraction and extension", unit="s", above=0)
     hip_angle_limit: float = key("hip stops at +- this angle", unit="rad", above=0, high=1.57)
     compression_limit: float = key("shortest leg, share of leg_length", above=0, high=1)
@@ -68,7 +74,9 @@ class Teacher:
 
     name: str = key("name of the teacher")
     speed: float = key("target speed of the teacher", unit="m/s", low=0, high=10)
-    reward: str = key("exponential: exp(-alpha |v - speed|); forward_velocity: v", choices=("exponential", "forward_velocity"))
+    reward: str = key(
+        "exponential: exp(-alpha |v - speed|); forward_velocity: v", choices=("exponential", "forward_velocity")
+    )
     alpha: float = key("sensitivity of the exponential reward", unit="s/m", above=0)
     total_steps: int = key("environment steps", low=1)
     num_envs: int = key("worlds stepped together", low=1)
@@ -113,8 +121,12 @@ class Humanoid:
     substeps: int = key("physics steps per control step", low=1)
     episode_steps: int = key("an episode is truncated after this many control steps", low=1)
     reset_speed: list[float] = key("range of the forward speed at reset, share of the target speed")
-    fall_pelvis_height: float = key("an episode ends when the pelvis is below this share of its standing height", low=0, high=1)
-    fall_head_height: float = key("an episode ends when the head is below this share of its standing height", low=0, high=1)
+    fall_pelvis_height: float = key(
+        "an episode ends when the pelvis is below this share of its standing height", low=0, high=1
+    )
+    fall_head_height: float = key(
+        "an episode ends when the head is below this share of its standing height", low=0, high=1
+    )
     fall_trunk_lean: float = key("an episode ends beyond this lean of the pelvis-neck line", unit="rad", above=0)
 
 
@@ -144,7 +156,9 @@ class Student:
     critic_target: str = key("how the twin target critics are joined", choices=("minimum", "mean"))
     mirror: bool = key("true: half of each batch is left-right mirrored")
     normalize_observation: bool = key("true: observations are standardised by their running mean and deviation")
-    policy_average: float = key("the saved policy is a running average with this decay; 0: the last one", low=0, high=0.99999)
+    policy_average: float = key(
+        "the saved policy is a running average with this decay; 0: the last one", low=0, high=0.99999
+    )
 
 
 @dataclass

@@ -104,7 +104,8 @@ class TerminalLog:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._bar.stop()
+        if self._console.is_terminal:
+            self._bar.stop()
 
     def progress(self, step: int, total: int, **numbers: float) -> None:
         now = time.monotonic()

@@ -1,0 +1,53 @@
+"""Command line: python -m romgrl [key=value ...], or romgrl after installation."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+import hydra
+from hydra._internal.utils import get_args_parser
+from hydra.core.hydra_config import HydraConfig
+from omegaconf import DictConfig
+
+from romgrl.composition import COMPOSITION_ERRORS, explain, register_schema, to_config
+from romgrl.errors import ConfigurationError, RomgrlError
+
+HERE = Path(__file__).resolve().parent
+CONF = HERE / "conf" if (HERE / "conf").is_dir() else HERE.parent / "conf"
+
+
+failures: list[RomgrlError] = []
+
+
+@hydra.main(version_base="1.3", config_path=str(CONF), config_name="config")
+def job(composed: DictConfig) -> None:
+    """Run one job, named by its overrides; a failure is told at once, and the other jobs of a sweep go on."""
+    from romgrl import pipeline
+
+    overrides = [text for text in HydraConfig.get().overrides.task if not text.startswith("hydra")]
+    try:
+        pipeline.run(to_config(composed), name=" ".join(overrides) or "job", parent=os.environ.get("ROMGRL_PARENT_RUN"))
+    except RomgrlError as error:
+        print(error, file=sys.stderr)
+        failures.append(error)
+
+
+def main() -> None:
+    """Run, and turn what can go wrong into one line per fault and an exit code."""
+    os.environ["HYDRA_FULL_ERROR"] = "1"  # let errors reach this function instead of Hydra's own report
+    register_schema()
+    try:
+        job()
+    except COMPOSITION_ERRORS as error:
+        print("\n".join(explain(get_args_parser().parse_args().overrides, error)), file=sys.stderr)
+        sys.exit(ConfigurationError.exit_code)
+    except KeyboardInterrupt:
+        sys.exit(130)
+    if failures:
+        sys.exit(failures[0].exit_code)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,63 @@
+"""Writes docs/configuration.md from the schema and conf/: python -m romgrl.config_docs."""
+
+from __future__ import annotations
+
+from dataclasses import Field
+from pathlib import Path
+from typing import Any
+
+from hydra import compose, initialize_config_dir
+
+from romgrl.__main__ import CONF
+from romgrl.composition import register_schema, to_config
+from romgrl.config import Config
+from romgrl.validation import allowed, schema_keys, show, value_of
+
+PAGE = Path(__file__).resolve().parent.parent / "docs" / "configuration.md"
+HEAD = """# Configuration
+
+Every key with its unit, the values it takes and its default. Set keys on the command line as `key=value`, and groups as
+`group=choice`; `python -m romgrl --cfg job` prints the result. Written from the schema by `make docs`: edit
+`romgrl/config.py` (meaning, unit, range) or `conf/` (values) instead.
+"""
+
+
+def render() -> str:
+    """The whole page as Markdown."""
+    register_schema()
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        config = to_config(compose("config"))
+    keys = schema_keys()
+    groups = list(dict.fromkeys(name.rpartition(".")[0] for name in keys))
+    return "\n".join([HEAD, *(section(group, keys, config) for group in groups)])
+
+
+def section(group: str, keys: dict[str, Field[Any]], config: Config) -> str:
+    """One group: what it is, its choices, and a table of its keys."""
+    doc = (type(getattr(config, group)) if group else Config).__doc__ or ""
+    lines = [f"## {group or 'Top level'}", "", " ".join(doc.split()), ""]
+    choices = sorted(path.stem for path in (CONF / (group or "experiment")).glob("*.yaml"))
+    lines += [f"Choices of `{group or 'experiment'}`: {', '.join(choices)}.", ""]
+    lines += ["| key | meaning | unit | values | default |", "|---|---|---|---|---|"]
+    for name, entry in keys.items():
+        if name.rpartition(".")[0] == group:
+            meaning = entry.metadata["doc"].replace("|", "\\|")
+            unit = entry.metadata["unit"]
+            cells = (
+                f"`{name}`",
+                meaning,
+                unit,
+                allowed(entry).removesuffix(f" {unit}"),
+                f"`{show(value_of(config, name))}`",
+            )
+            lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join([*lines, ""])
+
+
+def main() -> None:
+    """Write the page."""
+    PAGE.write_text(render())
+
+
+if __name__ == "__main__":
+    main()

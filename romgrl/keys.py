@@ -1,0 +1,85 @@
+"""The graph of stages, and the key of each: what it is made from decides where it is stored."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from romgrl.config import Config
+from romgrl.validation import value_of
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A stage: the function that runs it, the stages it reads, and the keys that change what it makes."""
+
+    function: str
+    upstream: tuple[str, ...]
+    depends: tuple[str, ...]
+
+
+BODY = ("humanoid.xml", "humanoid.height", "humanoid.mass", "humanoid.control_frequency")
+STAGES: dict[str, Stage] = {
+    "teacher": Stage("romgrl.stages.teacher:run", (), ("rom", "teacher", *BODY, "seed")),
+    "reference": Stage("romgrl.stages.reference:run", ("teacher",), ("rom", "teacher", *BODY, "reference", "seed")),
+    "student": Stage(
+        "romgrl.stages.student:run",
+        ("reference",),
+        ("student", "discriminator", "humanoid", "speed", "eta", "noise", "seed"),
+    ),
+    "baseline": Stage("romgrl.stages.student:run", (), ("student", "humanoid", "speed", "seed")),
+    "evaluation": Stage(
+        "romgrl.stages.evaluation:run",
+        ("reference", "student", "baseline"),
+        ("evaluation", "humanoid", "student.alpha", "speed", "seed"),
+    ),
+    "report": Stage(
+        "romgrl.stages.report:run",
+        ("teacher", "reference", "student", "baseline", "evaluation"),
+        ("rom", "teacher", "evaluation", "humanoid", "student.alpha", "speed", "eta", "noise", "seed"),
+    ),
+}
+LABELS = ("rom.name", "teacher.name", "humanoid.name", "student.name")  # say what was chosen, change nothing
+
+
+def stage_config(stage: str, config: Config) -> Config:
+    """The configuration that a stage sees: without imitation for the baseline and for discriminator=none."""
+    if stage == "baseline" or (stage == "student" and config.discriminator.name == "none"):
+        silent = replace(config.discriminator, name="none", features="paper", window=1)
+        return replace(config, eta=1.0, noise=0.0, discriminator=silent)
+    return config
+
+
+def stage_settings(stage: str, config: Config) -> dict[str, Any]:
+    """The keys that the stage depends on, with their values; a model file counts by its content, not by its place."""
+    config = stage_config(stage, config)
+    settings: dict[str, Any] = {}
+    for key in STAGES[stage].depends:
+        value = value_of(config, key)
+        nested = hasattr(value, "__dataclass_fields__")
+        settings |= {f"{key}.{name}": item for name, item in asdict(value).items()} if nested else {key: value}
+    if stage == "student" and config.discriminator.name == "none":
+        settings = {name: value for name, value in settings.items() if not name.startswith("discriminator.")}
+        settings["discriminator.name"] = "none"
+    if settings.get("humanoid.xml") is not None:
+        content = Path(settings["humanoid.xml"]).expanduser().read_bytes()
+        settings["humanoid.xml"] = f"sha256:{hashlib.sha256(content).hexdigest()}"
+    return {name: settings[name] for name in sorted(settings.keys() - set(LABELS))}
+
+
+def stage_key(stage: str, config: Config, upstream: Mapping[str, str]) -> str:
+    """SHA-256 (16 hexadecimal digits) over the stage, its settings and the keys of the stages it reads."""
+    document = {"stage": stage, "settings": stage_settings(stage, config), "upstream": dict(upstream)}
+    return hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def all_keys(config: Config) -> dict[str, str]:
+    """The key of every stage."""
+    keys: dict[str, str] = {}
+    for name, stage in STAGES.items():
+        keys[name] = stage_key(name, config, {upstream: keys[upstream] for upstream in stage.upstream})
+    return keys

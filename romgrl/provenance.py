@@ -1,0 +1,40 @@
+"""What made an artifact: versions of the libraries that matter and the git revision of the sources."""
+
+from __future__ import annotations
+
+import platform
+import subprocess
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+import romgrl
+
+LIBRARIES = ("torch", "numpy", "mujoco", "gymnasium", "safetensors")
+
+
+def versions() -> dict[str, str]:
+    """Versions of Python, of this package and of the libraries that results depend on."""
+    found = {"python": platform.python_version(), "romgrl": romgrl.__version__}
+    for library in LIBRARIES:
+        try:
+            found[library] = version(library)
+        except PackageNotFoundError:
+            found[library] = "not installed"
+    return found
+
+
+def git_state() -> tuple[str | None, bool | None]:
+    """Revision and whether files differ from it; (None, None) outside a checkout of this project."""
+    root = Path(romgrl.__file__).resolve().parent.parent
+    if not (root / ".git").exists():
+        return None, None
+    try:
+        revision = _git(root, "rev-parse", "HEAD")
+        return revision, bool(_git(root, "status", "--porcelain"))
+    except (OSError, subprocess.SubprocessError):
+        return None, None
+
+
+def _git(root: Path, *arguments: str) -> str:
+    command = ["git", "-C", str(root), *arguments]
+    return subprocess.run(command, capture_output=True, text=True, check=True, timeout=10).stdout.strip()
