@@ -8,10 +8,11 @@ import os
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import torch
+from gymnasium.spaces import flatdim
 from numpy.typing import NDArray
 
 from romgrl.algorithms.ppo import PPO, DeterministicPolicy, Rollout, load_policy, save_policy
@@ -22,7 +23,7 @@ from romgrl.gait.metrics import describe
 from romgrl.humanoid import model as humanoid_model
 from romgrl.networks import all_finite
 from romgrl.progress import StageLog
-from romgrl.rom.parameters import SpringLegParameters
+from romgrl.rom.parameters import Reward, SpringLegParameters
 from romgrl.rom.vector_env import SpringLegVectorEnv
 
 CHECK_EPISODES, CHECK_STEPS = 100, 300
@@ -35,8 +36,8 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
     torch.set_num_threads(thread_count(config))
     env = make_env(config, num_envs=teacher.num_envs, episode_steps=teacher.episode_steps)
     ppo = PPO(
-        observation_size=env.single_observation_space.shape[0],
-        action_size=env.single_action_space.shape[0],
+        observation_size=flatdim(env.single_observation_space),
+        action_size=flatdim(env.single_action_space),
         hidden_sizes=teacher.hidden_sizes,
         activation=teacher.activation,
         learning_rate=teacher.learning_rate,
@@ -77,8 +78,8 @@ def train(config: Config, env: SpringLegVectorEnv, ppo: PPO, log: StageLog, save
     rollout = Rollout(
         steps=teacher.rollout_steps,
         num_envs=env.num_envs,
-        observation_size=env.single_observation_space.shape[0],
-        action_size=env.single_action_space.shape[0],
+        observation_size=flatdim(env.single_observation_space),
+        action_size=flatdim(env.single_action_space),
         device=config.device,
     )
     tally = EpisodeTally(env.num_envs, teacher.rollout_steps)
@@ -183,9 +184,8 @@ def record(env: SpringLegVectorEnv, policy: DeterministicPolicy, *, steps: int, 
         observation, _, terminated, _, info = env.step(policy(observation))
         features[:, step], velocity[:, step] = info["features"], info["forward_velocity"]
         contact[:, step], upright[:, step] = info["contact"], ~terminated
-    dt = 1.0 / float(env.metadata["render_fps"])
-    fallen = ~upright.all(axis=1)
-    return Gait(features, until_first_fall(upright), fallen, dt, velocity=velocity, contact=contact)
+    valid = until_first_fall(upright)
+    return Gait(features, valid, ~valid[:, -1], env.dt, velocity=velocity, contact=contact)
 
 
 def thread_count(config: Config) -> int:
@@ -201,7 +201,7 @@ def make_env(config: Config, *, num_envs: int, episode_steps: int) -> SpringLegV
         speed=config.teacher.speed,
         control_frequency=config.humanoid.control_frequency,
         episode_steps=episode_steps,
-        reward=config.teacher.reward,
+        reward=cast(Reward, config.teacher.reward),
         alpha=config.teacher.alpha,
         num_threads=thread_count(config),
     )
