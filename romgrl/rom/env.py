@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -13,11 +13,13 @@ from romgrl.rom.vector_env import SpringLegVectorEnv
 
 Array = NDArray[Any]
 
+_METADATA: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 30}
+
 
 class SpringLegEnv(gymnasium.Env[Array, Array]):
     """World 0 of `SpringLegVectorEnv`, with the same episodes for the same seed; see there for spaces and units."""
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array"], "render_fps": 30}  # type: ignore[misc]
+    metadata = _METADATA
 
     def __init__(
         self,
@@ -41,7 +43,7 @@ class SpringLegEnv(gymnasium.Env[Array, Array]):
             render_mode=render_mode,
         )
         self.render_mode = render_mode
-        self.metadata = {**type(self).metadata, "render_fps": round(control_frequency)}
+        self.metadata = {**_METADATA, "render_fps": round(control_frequency)}
         self.observation_space = self._worlds.single_observation_space
         self.action_space = self._worlds.single_action_space
         self.mirror_observation = self._worlds.mirror_observation
@@ -67,7 +69,7 @@ class SpringLegEnv(gymnasium.Env[Array, Array]):
             self._waiting = True
         return info["final_obs"][0].copy(), float(reward[0]), *done, _row(info)
 
-    def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
+    def render(self) -> NDArray[np.uint8] | None:
         """The state as a (360, 640, 3) image, or None without a render mode."""
         images = self._worlds.render()
         return None if images is None else images[0]

@@ -18,8 +18,8 @@ _RANGES = ("reset_hip_angle", "reset_speed")
 class SpringLegParameters:
     """A trunk on two spring legs; the keys mean what they mean in the configuration group `rom`.
 
-    The defaults are the human-sized model that runs at 4 m/s. Values are checked when worlds are built: the constructors
-    of the environments raise ValueError for a value that is not finite, out of range, or unstable to integrate.
+    The defaults are the human-sized model that runs at 4 m/s. Values are checked when worlds are built: the
+    constructors of the environments raise ValueError for a value that is not finite, out of range, or unstable.
     """
 
     mass: float = 71.8

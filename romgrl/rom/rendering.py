@@ -32,7 +32,7 @@ def _spring(start: Point, end: Point, amplitude: float) -> list[Point]:
 
 
 def draw(features: ArrayLike, contact: ArrayLike, x: float, parameters: SpringLegParameters) -> NDArray[np.uint8]:
-    """Draw a world: features (5,) m, contact (2,) bool, x of the trunk in m. Returns (360, 640, 3) uint8, trunk centred."""
+    """Image (360, 640, 3) uint8 of a world, trunk centred: features (5,) m, contact (2,) bool, x of the trunk in m."""
     values = np.asarray(features, np.float64)
     scale = 0.6 * HEIGHT * _OVERSAMPLING / (parameters.leg_length + parameters.foot_radius)
     horizon = 0.82 * HEIGHT * _OVERSAMPLING

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, ClassVar
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -18,27 +18,29 @@ from romgrl.rom.rendering import draw
 
 Array = NDArray[Any]
 
+_METADATA: dict[str, Any] = {
+    "render_modes": ["rgb_array"],
+    "render_fps": 30,
+    "autoreset_mode": AutoresetMode.SAME_STEP,
+}
+
 
 class SpringLegVectorEnv(VectorEnv[Array, Array, Array]):
     """A trunk on two spring legs, driven by two hip torques, to hold a forward speed (paper section 3.2).
 
     Observation: (N, 20) float32, or the 13 columns that the paper lists; see `romgrl.rom.mirror.OBSERVATION_NAMES`.
-    Action: (N, 2) float32, left and right hip torque as a share of `hip_torque`, clipped to [-1, 1]; NaN raises ValueError.
+    Action: (N, 2) float32, left and right hip torque as a share of `hip_torque`, clipped to [-1, 1]; NaN: ValueError.
     Reward: exp(-alpha |v - speed|) or v, where v is the mean forward velocity of the trunk over the control step.
     Terminated: trunk below `fall_height` leg lengths, a free trunk beyond `trunk_pitch_limit`, or a diverged state.
     Truncated: after `episode_steps` control steps.
 
     Finished worlds are reset in the same step; `info` holds, for all worlds and from before that reset, "final_obs",
-    "features" (N, 5) m, "forward_velocity" (N,) m/s, "contact" (N, 2) bool, "ground_force" (N, 2) N (mean over the step),
-    "hip_torque" (N, 2) N m (at its end), "diverged" (N,) bool; and "reset_features" (N, 5) from after it.
+    "features" (N, 5) m, "forward_velocity" (N,) m/s, "contact" (N, 2) bool, "ground_force" (N, 2) N (normal, mean over
+    the step), "hip_torque" (N, 2) N m (at its end), "diverged" (N,) bool; and "reset_features" (N, 5) from after it.
     Arrays are reused: they are valid until the next step or reset.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {  # type: ignore[misc]
-        "render_modes": ["rgb_array"],
-        "render_fps": 30,
-        "autoreset_mode": AutoresetMode.SAME_STEP,
-    }
+    metadata = _METADATA
 
     def __init__(
         self,
@@ -69,7 +71,7 @@ class SpringLegVectorEnv(VectorEnv[Array, Array, Array]):
         self.render_mode = render_mode
         self.speed = speed
         self.dt = 1.0 / control_frequency
-        self.metadata = {**type(self).metadata, "render_fps": round(control_frequency)}
+        self.metadata = {**_METADATA, "render_fps": round(control_frequency)}
         size = self._batch.observation_size
         self.single_observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (size,), np.float32)
         self.single_action_space = gymnasium.spaces.Box(-1.0, 1.0, (2,), np.float32)
@@ -110,7 +112,7 @@ class SpringLegVectorEnv(VectorEnv[Array, Array, Array]):
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Array, dict[str, Any]]:
-        """Start a new episode in all worlds. The same seed gives the same worlds ever after; without one the streams go on."""
+        """Start a new episode in all worlds. A seed fixes all that follows; without one the random streams go on."""
         if seed is not None and not isinstance(seed, (int, np.integer)):
             raise ValueError("one seed serves all worlds: seed must be an integer")
         if seed is not None or self._np_random is None:
