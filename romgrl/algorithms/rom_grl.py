@@ -25,6 +25,7 @@ class RomGrl:
     discriminator_interval: int
     discriminator_batch: int
     discriminator_recent: int | None
+    stop_seen: bool = False
 
     def update(self, count: int) -> dict[str, Tensor]:
         """Run `count` SAC updates, and the discriminator's between them; returns the last value of each metric."""
@@ -36,6 +37,19 @@ class RomGrl:
             self.normalizer.apply_(batch.next_observation)
             metrics |= shares | self.sac.update(batch, reward)
         return metrics
+
+    def counts(self) -> dict[str, float]:
+        """How often each part was updated, and whether the discriminator has stopped (paper section 4.1.3)."""
+        counts = {"updates": float(self.sac.updates)}
+        if self.discriminator is not None:
+            counts["discriminator_updates"] = float(self.discriminator.updates)
+            counts["discriminator_stopped"] = float(self.discriminator.stopped)
+        return counts
+
+    def just_stopped(self) -> bool:
+        """True once, at the first call after the discriminator stopped."""
+        seen, self.stop_seen = self.stop_seen, self.discriminator is not None and self.discriminator.stopped
+        return self.stop_seen and not seen
 
     def _update_discriminator(self) -> dict[str, Tensor]:
         judge = self.discriminator

@@ -206,8 +206,10 @@ def train(
             if done % LOG_INTERVAL < env.num_envs or done >= student.total_steps:
                 values = {name: float(value) for name, value in metrics.items()} | tally.take()
                 check_finite(values, done)
-                log.metrics(values | {"updates": float(learner.sac.updates)}, done)
+                log.metrics(values | learner.counts(), done)
                 log.progress(done, student.total_steps, speed=values["speed"], episode=values["episode_seconds"])
+            if learner.just_stopped():
+                log.message(f"the discriminator stopped at step {done:,}: no better on held-out windows")
             if time.monotonic() - saved > CHECKPOINT_SECONDS:
                 save()
                 saved = time.monotonic()

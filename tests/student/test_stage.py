@@ -1,0 +1,126 @@
+"""The student stage: same seed, same weights; what it logs; what it refuses."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from hydra import compose, initialize_config_dir
+from numpy.typing import NDArray
+
+from romgrl.algorithms.sac import load_policy
+from romgrl.artifacts import load_tensors, save_arrays
+from romgrl.composition import register_schema, to_config
+from romgrl.config import Config
+from romgrl.errors import DivergenceError
+from romgrl.normalizer import RunningNormalizer
+from romgrl.progress import SilentLog
+from romgrl.stages import student
+
+CONF = str(Path(__file__).parents[2] / "conf")
+SMALL = ["student.hidden_sizes=[32,32]", "student.num_envs=8", "student.learning_starts=500", "student.batch_size=32"]
+
+
+def configuration(*overrides: str) -> Config:
+    register_schema()
+    with initialize_config_dir(CONF, version_base="1.3"):
+        return to_config(compose("config", ["threads=1", *SMALL, *overrides]))
+
+
+@pytest.fixture(scope="module")
+def reference(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Feet that swing in antiphase under a bouncing body."""
+    directory = tmp_path_factory.mktemp("reference")
+    phase = 2 * np.pi * 1.6 * np.arange(600) / 30
+    left, right = np.sin(phase), np.sin(phase + np.pi)
+    features = np.stack(
+        (0.95 + 0.04 * np.cos(2 * phase), 0.4 * left, -0.85 + 0.05 * left, 0.4 * right, -0.85 + 0.05 * right), axis=-1
+    )
+    save_arrays(
+        directory / "reference.npz",
+        {"features": features.astype(np.float32), "episode": np.repeat(np.arange(3), 200).astype(np.int32)},
+    )
+    return directory
+
+
+def weights(config: Config, inputs: dict[str, Path], output: Path) -> dict[str, torch.Tensor]:
+    output.mkdir()
+    student.run(config, inputs, output, SilentLog())
+    return load_tensors(output / "policy.safetensors")[0]
+
+
+def test_same_seed_gives_the_same_weights_after_5000_steps(reference: Path, tmp_path: Path) -> None:
+    torch.set_num_threads(1)
+    config = configuration("student.total_steps=5000")
+    first, second = (weights(config, {"reference": reference}, tmp_path / name) for name in ("a", "b"))
+    assert all(torch.equal(first[name], second[name]) for name in first)
+    config.seed = 1
+    other = weights(config, {"reference": reference}, tmp_path / "c")
+    assert not torch.equal(first["policy.head.weight"], other["policy.head.weight"])
+
+
+def test_what_is_logged(reference: Path, tmp_path: Path) -> None:
+    log = SilentLog()
+    student.run(configuration("student.total_steps=4096"), {"reference": reference}, tmp_path, log)
+    (step, values), *_ = log.rows
+    assert step == 4096
+    assert values["updates"] == pytest.approx((4096 - 500) * 0.09375, abs=8)
+    assert 0 < values["imitation_share"] < 1
+    for name in ("accuracy_teacher", "accuracy_student", "validation_loss", "gradient_norm", "loss"):
+        assert np.isfinite(values[f"discriminator_{name}"])
+    assert 0 <= values["fall_share"] <= 1
+
+
+def test_the_baseline_knows_no_discriminator(tmp_path: Path) -> None:
+    log = SilentLog()
+    student.run(configuration("student.total_steps=4096", "discriminator=none", "eta=1"), {}, tmp_path, log)
+    assert not [name for name in log.rows[-1][1] if name.startswith(("discriminator", "imitation"))]
+    action = load_policy(tmp_path / "policy.safetensors")(np.zeros((3, 358), dtype=np.float32))
+    assert action.shape == (3, 21)
+    assert np.abs(action).max() <= 1
+
+
+def test_an_interrupted_training_leaves_its_policy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupt(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(SilentLog, "progress", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        student.run(configuration("student.total_steps=9000", "discriminator=none", "eta=1"), {}, tmp_path, SilentLog())
+    load_policy(tmp_path / "policy.safetensors")
+
+
+def test_numbers_that_are_not_finite_stop_the_training() -> None:
+    with pytest.raises(DivergenceError, match="critic_loss = nan at step 7"):
+        student.check_finite({"critic_loss": float("nan"), "speed": 1.0}, 7)
+
+
+def test_compact_mirror_maps_kept_columns_among_themselves() -> None:
+    permutation, sign = np.array([0, 3, 4, 1, 2]), np.array([1, -1, 1, -1, 1], dtype=np.float32)
+    kept, signs = student.compact_mirror((permutation, sign), torch.tensor([1, 3, 0]))
+    assert kept.tolist() == [1, 0, 2]
+    assert signs.tolist() == [-1, -1, 1]
+    with pytest.raises(ValueError, match="mirror image"):
+        student.compact_mirror((permutation, sign), torch.tensor([1, 0]))
+
+
+def test_running_normalizer_equals_the_moments_of_all_it_saw() -> None:
+    values: NDArray[np.float64] = np.random.default_rng(0).normal(3, 5, (90, 4))
+    normalizer = RunningNormalizer(4)
+    for part in np.split(values, [10, 11, 50]):
+        normalizer.update(torch.from_numpy(part).float())
+    mean, scale = normalizer.mean_and_scale()
+    np.testing.assert_allclose(mean, values.mean(0), rtol=1e-5)
+    np.testing.assert_allclose(scale, 1 / values.std(0), rtol=1e-5)
+    standardised = normalizer.apply_(torch.from_numpy(values).float())
+    np.testing.assert_allclose(standardised.std(0, correction=0), 1, rtol=1e-4)
+
+
+def test_the_moment_the_discriminator_stops_is_logged(reference: Path, tmp_path: Path) -> None:
+    log = SilentLog()
+    still = ["discriminator.patience=2", "discriminator.learning_rate=1e-30", "student.updates_per_step=0.3"]
+    student.run(configuration("student.total_steps=4096", *still), {"reference": reference}, tmp_path, log)
+    values = log.rows[-1][1]
+    assert values["discriminator_stopped"] == 1.0
+    assert values["discriminator_updates"] < values["updates"] / 5
+    assert [text for text in log.messages if "the discriminator stopped at step" in text]
