@@ -47,7 +47,7 @@ def section(group: str, keys: dict[str, Field[Any]], config: Config) -> str:
                 f"`{name}`",
                 meaning,
                 unit,
-                allowed(entry).removesuffix(f" {unit}"),
+                allowed(entry).replace(f" {unit}", "", 1) if unit else allowed(entry),
                 f"`{show(value_of(config, name))}`",
             )
             lines.append(f"| {' | '.join(cells)} |")

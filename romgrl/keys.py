@@ -48,7 +48,7 @@ LABELS = ("rom.name", "teacher.name", "humanoid.name", "student.name")  # say wh
 
 def stage_config(stage: str, config: Config) -> Config:
     """The configuration that a stage sees: without imitation for the baseline and for discriminator=none."""
-    if stage == "baseline" or (stage == "student" and config.discriminator.name == "none"):
+    if stage == "baseline" or config.discriminator.name == "none":
         silent = replace(config.discriminator, name="none", features="paper", window=1)
         return replace(config, eta=1.0, noise=0.0, discriminator=silent)
     return config

@@ -53,11 +53,9 @@ def allowed(entry: Field[Any]) -> str:
 
 def show(value: Any) -> str:
     """Write a value as YAML would."""
-    return (
-        {None: "null", True: "true", False: "false"}.get(value, str(value))
-        if not isinstance(value, list)
-        else str(value)
-    )
+    if value is None:
+        return "null"
+    return str(value).lower() if isinstance(value, bool) else str(value)
 
 
 def refusal(key: str, value: Any, permitted: str) -> str:

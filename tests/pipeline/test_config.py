@@ -1,0 +1,165 @@
+"""Every choice composes and is in range; bad input is refused in one line per key, before any work."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from hydra import compose, initialize_config_dir
+from omegaconf import OmegaConf
+
+from romgrl import config_docs
+from romgrl.__main__ import CONF
+from romgrl.composition import COMPOSITION_ERRORS, explain, to_config
+from romgrl.config import STAGES, Config
+from romgrl.errors import ConfigurationError
+from romgrl.validation import schema_keys, validate, value_of
+from tests.conftest import Composer
+from tests.pipeline.conftest import ROOT, Command
+
+FILES = sorted(path for folder in ("conf", "sweeps") for path in (ROOT / folder).rglob("*.yaml"))
+CHOICES = [f"{path.parent.name}={path.stem}" for path in FILES if path.parent.parent == CONF]
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: f"{path.parent.name}/{path.stem}")
+def test_files_are_short(path: Path) -> None:
+    assert len(path.read_text().splitlines()) < 25
+
+
+@pytest.mark.parametrize("choice", CHOICES)
+def test_every_choice_composes_and_is_valid(compose_config: Composer, choice: str, tmp_path: Path) -> None:
+    extra = []
+    if choice == "humanoid=humenv":
+        (tmp_path / "robot.xml").touch()
+        extra = [f"humanoid.xml={tmp_path}/robot.xml"]
+    config = compose_config(choice, *extra)
+    validate(config)
+    group, name = choice.split("=")
+    section = getattr(config, group)
+    if hasattr(section, "name"):
+        assert section.name == name
+    if group == "experiment":
+        assert section == name
+
+
+@pytest.mark.parametrize("name", ["paper", "ablation"])
+def test_stored_sweeps_compose(name: str, compose_config: Composer) -> None:
+    compose_config()
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        sweep = compose("config", overrides=[f"hydra.searchpath=[file://{ROOT}/sweeps]"], return_hydra_config=True)
+        assert sweep.hydra.output_subdir is None
+    parameters = OmegaConf.load(ROOT / "sweeps" / f"{name}.yaml").hydra.sweeper.params
+    assert set(parameters) <= set(schema_keys())
+
+
+def test_the_papers_numbers(compose_config: Composer) -> None:
+    config = compose_config("experiment=paper")
+    sac, judge, ppo = config.student, config.discriminator, config.teacher
+    assert (sac.policy_learning_rate, sac.critic_learning_rate, sac.batch_size) == (3e-4, 1e-3, 256)
+    assert (sac.gamma, sac.tau, sac.policy_delay, sac.hidden_sizes) == (0.99, 0.005, 2, [256, 256])
+    assert (sac.updates_per_step * sac.num_envs, sac.learning_starts, sac.buffer_size) == (1, 5000, 1_000_000)
+    assert (judge.hidden_sizes, judge.dropout, judge.learning_rate, judge.gradient_penalty) == ([64, 32], 0.2, 1e-5, 10)
+    assert (judge.label_smoothing, judge.update_interval, judge.held_out, judge.patience) == (0.1, 5, 0.1, 10)
+    assert (judge.features, judge.window, config.noise, config.eta) == ("paper", 1, 0.05, 0.5)
+    assert (ppo.hidden_sizes, ppo.activation, ppo.learning_rate, ppo.gamma) == ([512, 512], "relu", 1e-4, 0.99)
+    assert (ppo.clip_ratio, ppo.num_envs, ppo.total_steps, config.reference.steps) == (0.2, 8, 1_000_000, 2000)
+
+
+def test_every_range_is_enforced(compose_config: Composer) -> None:
+    """Just outside every bound that the schema has: refused, and the line names key and bound."""
+    config, tried = compose_config(), 0
+    for key, entry in schema_keys().items():
+        if str(entry.type).startswith("list"):
+            continue
+        for bound, step in (("low", -1), ("above", 0), ("high", 1)):
+            limit = entry.metadata[bound]
+            for value in () if limit is None else (limit + step, float("nan"), float("inf"), -float("inf")):
+                with pytest.raises(ConfigurationError, match=f"^{key}: .* is not allowed; allowed: a .*number"):
+                    validate(with_value(config, key, value))
+                tried += 1
+        if entry.metadata["choices"]:
+            with pytest.raises(ConfigurationError, match=f"^{key}: other is not allowed; allowed: "):
+                validate(with_value(config, key, "other"))
+            tried += 1
+    assert tried > 300
+
+
+def with_value(config: Config, key: str, value: object) -> Config:
+    """A copy of the configuration with another value at a dotted key."""
+    group, _, leaf = key.rpartition(".")
+    return replace(config, **{group: replace(value_of(config, group), **{leaf: value})} if group else {leaf: value})
+
+
+REFUSED = {
+    "spede=4": "spede: unknown key; did you mean speed?",
+    "teacher.learning_rat=1": "teacher.learning_rat: unknown key; did you mean teacher.learning_rate?",
+    "total_steps=1": "total_steps: unknown key; did you mean teacher.total_steps?",
+    "+quiet=1": "quiet: unknown key; docs/configuration.md lists all keys",
+    "seed=abc": "seed: abc is not allowed; allowed: a whole number >= 0",
+    "seed=1.5": "seed: 1.5 is not allowed; allowed: a whole number >= 0",
+    "eta=true": "eta: true is not allowed; allowed: a number >= 0 and <= 1",
+    "speed=null": "speed: null is not allowed; allowed: a number >= 0 and <= 10 m/s",
+    "student.hidden_sizes=3": "student.hidden_sizes: 3 is not allowed; allowed: a list, each a whole number",
+    "student.hidden_sizes=[a]": "student.hidden_sizes: ['a'] is not allowed; allowed: a list, each a whole number",
+    "student.mirror=maybe": "student.mirror: maybe is not allowed; allowed: true or false",
+    "rom=spring_lag": "rom: spring_lag is not allowed; allowed: free_trunk, paper_spring_leg, spring_leg (",
+    "~speed": "speed: has no value; give it as speed=...",
+    "speed=1,4": "speed=1,4: is a sweep over several values; put -m before the keys",
+    "speed": "speed: cannot be read; write key=value",
+    "seed='x": "seed='x: cannot be read; write key=value",
+    "rom.reset_speed=[1.1,0.5]": "rom.reset_speed: [1.1, 0.5] is not allowed; allowed: two numbers, the lower one first",
+    "student.hidden_sizes=[0]": "student.hidden_sizes: [0] is not allowed; allowed: a list of whole numbers >= 1",
+    "student.batch_size=9999999": "student.batch_size: 9999999 is not allowed; allowed: at most student.buffer_size",
+    "evaluation.window=400": "evaluation.window: 400 is not allowed; allowed: at most evaluation.steps = ",
+    "teacher.minibatch_size=99999": "teacher.minibatch_size: 99999 is not allowed; allowed: at most teacher.num",
+    "humanoid.xml=/none.xml": "humanoid.xml: /none.xml is not allowed; allowed: a MuJoCo file that exists",
+    "humanoid=humenv": "humanoid.xml: null is not allowed; allowed: the path of HumEnv's robot.xml",
+}
+
+
+@pytest.mark.parametrize("override", REFUSED)
+def test_refusals(compose_config: Composer, override: str) -> None:
+    try:
+        with initialize_config_dir(str(CONF), version_base="1.3"):
+            validate(to_config(compose("config", overrides=[override])))
+    except COMPOSITION_ERRORS as error:
+        lines = explain([override], error)
+    except ConfigurationError as error:
+        lines = str(error).splitlines()
+    else:
+        lines = []
+    assert [line[: len(REFUSED[override])] for line in lines] == [REFUSED[override]]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "count"),
+    [
+        (["spede=4"], 1),
+        (["eta=7", "seed=x", "teacher.lr=1"], 3),
+        (["eta=7", "noise=-1"], 2),
+        (["student=sax"], 1),
+        (["-m", "speed=1,99", "seed=0"], 1),
+        (["-m", "eta=a,0.5"], 1),
+        (["--config-name", "nothing"], 1),
+    ],
+)
+def test_command_line_refuses_before_any_work(
+    command: Command, tmp_path: Path, arguments: list[str], count: int
+) -> None:
+    result = command(*arguments)
+    assert (result.returncode, result.stdout) == (2, "")
+    assert len(result.stderr.splitlines()) == count, result.stderr
+    assert "Traceback" not in result.stderr
+    assert not (tmp_path / "outputs").exists()
+
+
+def test_reference_page_is_up_to_date() -> None:
+    """`make docs` writes it."""
+    assert config_docs.PAGE.read_text() == config_docs.render()
+
+
+def test_stages_of_the_schema_are_those_of_the_graph() -> None:
+    from romgrl import keys
+
+    assert tuple(keys.STAGES) == STAGES

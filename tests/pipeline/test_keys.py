@@ -1,0 +1,88 @@
+"""Which key of the configuration changes the key of which stage."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from romgrl.keys import LABELS, STAGES, all_keys
+from romgrl.validation import schema_keys, value_of
+from tests.conftest import Composer
+from tests.pipeline.test_config import with_value
+
+ALL = set(STAGES)
+STUDENT = {"student", "evaluation", "report"}
+BOTH = STUDENT | {"baseline"}
+TABLE = {
+    "speed=3": BOTH,
+    "eta=0.3": STUDENT,
+    "noise=0.1": STUDENT,
+    "discriminator.learning_rate=1e-3": STUDENT,
+    "discriminator=paper": STUDENT,
+    "discriminator=none": STUDENT,
+    "student.gamma=0.97": BOTH,
+    "humanoid.fall_trunk_lean=0.7": BOTH,
+    "humanoid.substeps=16": BOTH,
+    "humanoid.height=1.6": ALL,
+    "humanoid.control_frequency=60": ALL,
+    "rom.stiffness=20000": ALL - {"baseline"},
+    "teacher.speed=3": ALL - {"baseline"},
+    "reference.steps=1000": ALL - {"baseline", "teacher"},
+    "evaluation.episodes=8": {"evaluation", "report"},
+    "seed=1": ALL,
+    "device=cuda": set(),
+    "threads=1": set(),
+    "stage=teacher": set(),
+    "tracking=none": set(),
+    "tracking.experiment=mine": set(),
+    "paths.outputs=/elsewhere": set(),
+}
+
+
+@pytest.mark.parametrize("override", TABLE)
+def test_which_key_changes_what(compose_config: Composer, override: str) -> None:
+    before, after = all_keys(compose_config()), all_keys(compose_config(override))
+    assert {stage for stage in STAGES if before[stage] != after[stage]} == TABLE[override]
+
+
+def test_every_key_is_semantic_or_cosmetic(compose_config: Composer) -> None:
+    """Changing any leaf changes at least one stage, unless it is one of the listed cosmetic ones."""
+    cosmetic = {"stage", "device", "threads", "experiment", "paths.outputs", *LABELS}
+    cosmetic |= {key for key in schema_keys() if key.startswith("tracking.")}
+    config = compose_config()
+    before = all_keys(config)
+    for key in schema_keys().keys() - {"humanoid.xml"}:
+        changed = all_keys(with_value(config, key, different(value_of(config, key)))) != before
+        assert changed == (key not in cosmetic), key
+
+
+def different(value: object) -> object:
+    """Another value of the same type."""
+    if isinstance(value, list):
+        return [*value, value[0]]
+    if isinstance(value, bool):
+        return not value
+    if isinstance(value, int | float):
+        return value + 1
+    return "other" if isinstance(value, str) else 1.0
+
+
+def test_keys_are_the_same_in_every_process(compose_config: Composer) -> None:
+    """Defaults, order of keys and of stages do not enter; two compositions agree."""
+    assert all_keys(compose_config("eta=0.5", "seed=0")) == all_keys(compose_config("seed=0", "speed=4"))
+
+
+def test_no_imitation_makes_noise_and_eta_irrelevant(compose_config: Composer) -> None:
+    one = all_keys(compose_config("discriminator=none", "eta=0.2", "noise=0.3"))
+    assert one == all_keys(compose_config("discriminator=none"))
+
+
+def test_a_model_file_counts_by_its_content(compose_config: Composer, tmp_path: Path) -> None:
+    config, keys = compose_config(), []
+    for name, text in (("a.xml", "<mujoco/>"), ("b.xml", "<mujoco/>"), ("c.xml", "<mujoco></mujoco>")):
+        (tmp_path / name).write_text(text)
+        keys.append(all_keys(replace(config, humanoid=replace(config.humanoid, xml=str(tmp_path / name)))))
+    assert keys[0] == keys[1]
+    assert all(keys[0][stage] != keys[2][stage] for stage in STAGES)
