@@ -46,7 +46,7 @@ void Environment::reset() {
     pose.leg_rate[front] = -speed * std::sin(angle);
     pose.hip_rate[front] = -speed * std::cos(angle) / parameters_.leg_length;
     place(pose);
-    walker_.set_last_touchdown(front, 0.0);
+    walker_.set_last_touchdown(front == 0 ? 1 : -1, 0.0);
     ++episode_;
 }
 
@@ -74,7 +74,7 @@ Outcome Environment::step(const float* action) {
     outcome.diverged = !walker_.step(command);
     ++steps_;
     if (outcome.diverged) {
-        walker_.restore(before.data());  // the last finite state is what the caller sees
+        walker_.assign(before.data());  // the last finite state is what the caller sees
         outcome.terminated = true;
         return outcome;
     }

@@ -9,7 +9,8 @@ namespace {
 // m. The bodies stay near Box2D's origin, where float32 is fine; moving them by a power of two rounds nothing.
 constexpr double kShift = 4.0;
 constexpr float kGroundHalfLength = 128.0F;
-constexpr double kLargestNumber = 1e3;  // m, m/s, rad, rad/s: beyond this a state has diverged
+constexpr double kLargestPosition = 1e3;  // m, rad; a state beyond these has diverged
+constexpr double kLargestVelocity = 200.0;  // m/s, rad/s
 constexpr double kLargestForce = 1e12;
 constexpr double kShortestLever = 0.05;  // share of leg_length; keeps torque / length finite
 
@@ -44,13 +45,12 @@ void set_mass(b2Body* body, double mass, double inertia) {
 
 b2Vec2 vector(double x, double y) { return {static_cast<float>(x), static_cast<float>(y)}; }
 
-bool small(double value) { return std::fabs(value) < kLargestNumber; }  // false for NaN
-
-bool sane_body(const b2Body* body) {
+bool sane_body(const b2Body* body) {  // false for NaN
     const b2Vec2& p = body->GetPosition();
     const b2Vec2& v = body->GetLinearVelocity();
-    return small(p.x) && small(p.y) && small(v.x) && small(v.y) && small(body->GetAngle()) &&
-           small(body->GetAngularVelocity());
+    const double position = std::fabs(p.x) + std::fabs(p.y) + std::fabs(body->GetAngle());
+    const double velocity = std::fabs(v.x) + std::fabs(v.y) + std::fabs(body->GetAngularVelocity());
+    return position < kLargestPosition && velocity < kLargestVelocity;
 }
 
 }  // namespace
@@ -112,19 +112,18 @@ double Walker::axial_force(int side, const LegView& view) const {
 }
 
 void Walker::set_last_touchdown(int side, double at_x) {
-    last_touchdown_side_ = side == 0 ? 1 : -1;
+    last_touchdown_side_ = side;
     last_touchdown_x_ = at_x;
 }
 
-void Walker::update_touchdown(int side, const LegView& view, bool is_loaded) {
+// True at a touchdown: the first load after leaving the ground.
+bool Walker::update_touchdown(int side, const LegView& view, bool is_loaded) {
     Motion& motion = motion_[side];
-    if (motion.airborne && is_loaded) {
-        motion.airborne = false;
-        motion.touchdown_angle = view.angle;
-        set_last_touchdown(side, x());
-    } else if (!view.contact) {
-        motion.airborne = true;
-    }
+    if (!view.contact) motion.airborne = true;
+    if (!motion.airborne || !is_loaded) return false;
+    motion.airborne = false;
+    motion.touchdown_angle = view.angle;
+    return true;
 }
 
 // An unloaded leg shortens until it has passed half of its last touchdown angle, then extends again.
@@ -152,13 +151,16 @@ double Walker::stop_torque(const LegView& view) const {
 
 bool Walker::substep(const std::array<double, kLegs>& command) {
     std::array<LegView, kLegs> view{};
+    int touchdown = 0;
     for (int i = 0; i < kLegs; ++i) {
         view[i] = leg(i);
         const bool is_loaded = loaded(i, view[i]);
-        update_touchdown(i, view[i], is_loaded);
+        if (update_touchdown(i, view[i], is_loaded)) touchdown += i == 0 ? 1 : 2;
         update_shortening(i, view[i], is_loaded);
         motion_[i].torque += lag_gain_ * (command[i] - motion_[i].torque);
     }
+    if (touchdown == 3) touchdown = view[0].angle > view[1].angle ? 1 : 2;  // both at once: the one in front
+    if (touchdown != 0) set_last_touchdown(touchdown == 1 ? 1 : -1, x());
     const double net = motion_[0].torque + motion_[1].torque;
     const double limit = parameters_.trunk_moment_limit;
     const double excess = net - std::clamp(net, -limit, limit);

@@ -54,11 +54,12 @@ class Walker {
     const std::array<double, kLegs>& hip_torque() const { return hip_torque_; }  // of the last substep, N m
     double last_touchdown_x() const { return last_touchdown_x_; }
     int last_touchdown_side() const { return last_touchdown_side_; }  // 1 left, -1 right, 0 none
-    void set_last_touchdown(int side, double at_x);
+    void set_last_touchdown(int side, double at_x);  // side as above
 
     void save(double* state) const;
     // Throws std::invalid_argument if the numbers are no state.
     void restore(const double* state);
+    void assign(const double* state);  // the same without a check, for numbers from save()
 
   private:
     struct Motion {
@@ -68,10 +69,9 @@ class Walker {
         bool airborne = true;  // left the ground since it was last loaded
     };
 
-    void set_slots(bool swapped);
     b2Body* foot(int side) const { return feet_[slot_[side]]; }
     double rest_length(int side) const { return parameters_.leg_length - motion_[side].shortening; }
-    void update_touchdown(int side, const LegView& view, bool is_loaded);
+    bool update_touchdown(int side, const LegView& view, bool is_loaded);
     void update_shortening(int side, const LegView& view, bool is_loaded);
     double stop_torque(const LegView& view) const;
     bool substep(const std::array<double, kLegs>& command);

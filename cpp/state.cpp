@@ -29,57 +29,49 @@ void get_body(const b2Body* body, double* state) {
     state[5] = body->GetAngularVelocity();
 }
 
-bool valid(const Pose& pose) {
-    const auto small = [](double value) { return std::fabs(value) < kLargestNumber; };  // false for NaN
-    const auto all_small = [&small](const auto& values) { return std::all_of(values.begin(), values.end(), small); };
-    const std::array<double, 5> trunk{pose.y, pose.vx, pose.vy, pose.pitch, pose.pitch_rate};
-    const auto length = [](double value) { return value > 0.0 && value < kFarthest; };
-    return std::fabs(pose.x) < 1e9 && all_small(trunk) && all_small(pose.hip_angle) && all_small(pose.hip_rate) &&
-           all_small(pose.leg_rate) && std::all_of(pose.leg_length.begin(), pose.leg_length.end(), length);
-}
-
 bool valid_body(const double* state) {
     const auto small = [](double value) { return std::fabs(value) < kLargestNumber; };
     return std::all_of(state, state + 6, small) && std::fabs(state[0]) < kFarthest;
+}
+
+bool valid(const double* state) {
+    const auto finite = [](double value) { return std::isfinite(value); };
+    return valid_body(state) && valid_body(state + 6) && valid_body(state + 12) &&
+           std::all_of(state + 18, state + Walker::kStateSize, finite) && (state[18] == 0.0 || state[18] == 1.0) &&
+           std::fabs(state[21]) <= 1.0;
 }
 
 }  // namespace
 
 // Box2D solves the two legs one after the other. Which leg comes first follows from the pose and not from its name, so
 // that a mirrored world is solved in the mirrored order and stays the mirror image bit for bit.
-void Walker::set_slots(bool swapped) {
-    slot_[0] = swapped ? 1 : 0;
-    slot_[1] = swapped ? 0 : 1;
-}
-
 void Walker::place(const Pose& pose) {
-    if (!valid(pose)) throw std::invalid_argument("the pose is not finite or too large");
+    std::array<double, kStateSize> state{};
+    const double trunk[6] = {0.0, pose.y, -pose.pitch, pose.vx, pose.vy, -pose.pitch_rate};
+    std::copy(trunk, trunk + 6, state.begin());
     const auto key = [&pose](int i) {
         return std::make_tuple(pose.hip_angle[i], pose.hip_rate[i], pose.leg_length[i], pose.leg_rate[i]);
     };
-    set_slots(key(0) < key(1));
-    origin_ = pose.x;
-    const double trunk[6] = {0.0, pose.y, -pose.pitch, pose.vx, pose.vy, -pose.pitch_rate};
-    set_body(trunk_, trunk);
-    motion_.fill(Motion{});
+    const int first = key(0) < key(1) ? 1 : 0;
+    for (int i = 0; i < kLegs; ++i) {
+        const double angle = pose.hip_angle[i] - pose.pitch, length = pose.leg_length[i];
+        const double across = length * (pose.hip_rate[i] - pose.pitch_rate);
+        const double s = std::sin(angle), c = std::cos(angle);
+        double* foot = state.data() + (i == first ? 6 : 12);
+        foot[0] = length * s;
+        foot[1] = pose.y - length * c;
+        foot[3] = pose.vx + pose.leg_rate[i] * s + across * c;
+        foot[4] = pose.vy - pose.leg_rate[i] * c + across * s;
+        if (!(length > 0.0)) throw std::invalid_argument("the pose has a leg of no length");
+        state[24 + 4 * i] = std::fabs(angle);
+        state[25 + 4 * i] = static_cast<float>(foot[1]) > static_cast<float>(parameters_.foot_radius) ? 1.0 : 0.0;
+    }
+    state[18] = first;
+    state[19] = state[20] = pose.x;
+    if (!valid(state.data())) throw std::invalid_argument("the pose is not finite or too large");
+    assign(state.data());
     ground_force_.fill(0.0);
     hip_torque_.fill(0.0);
-    last_touchdown_x_ = pose.x;
-    last_touchdown_side_ = 0;
-    for (int i = 0; i < kLegs; ++i) {
-        const double angle = pose.hip_angle[i] - pose.pitch;
-        const double across = pose.leg_length[i] * (pose.hip_rate[i] - pose.pitch_rate);
-        const double s = std::sin(angle), c = std::cos(angle);
-        const double state[6] = {pose.leg_length[i] * s,
-                                 pose.y - pose.leg_length[i] * c,
-                                 0.0,
-                                 pose.vx + pose.leg_rate[i] * s + across * c,
-                                 pose.vy - pose.leg_rate[i] * c + across * s,
-                                 0.0};
-        set_body(foot(i), state);
-        motion_[i].touchdown_angle = std::fabs(angle);
-        motion_[i].airborne = !leg(i).contact;
-    }
 }
 
 void Walker::save(double* state) const {
@@ -100,15 +92,15 @@ void Walker::save(double* state) const {
 }
 
 void Walker::restore(const double* state) {
-    const auto finite = [](double value) { return std::isfinite(value); };
-    const bool valid = valid_body(state) && valid_body(state + 6) && valid_body(state + 12) &&
-                       std::all_of(state + 18, state + kStateSize, finite) && (state[18] == 0.0 || state[18] == 1.0) &&
-                       std::fabs(state[21]) <= 1.0;
-    if (!valid) throw std::invalid_argument("the numbers are not a saved state");
+    if (!valid(state)) throw std::invalid_argument("the numbers are not a saved state");
+    assign(state);
+}
+
+void Walker::assign(const double* state) {
     set_body(trunk_, state);
     set_body(feet_[0], state + 6);
     set_body(feet_[1], state + 12);
-    set_slots(state[18] == 1.0);
+    slot_ = {static_cast<int>(state[18]), 1 - static_cast<int>(state[18])};
     origin_ = state[19];
     last_touchdown_x_ = state[20];
     last_touchdown_side_ = static_cast<int>(state[21]);

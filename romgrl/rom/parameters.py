@@ -40,7 +40,7 @@ class SpringLegParameters:
     friction: float = 1.0
     trunk_locked: bool = True
     trunk_inertia: float = 3.0
-    trunk_pitch_limit: float = 0.8
+    trunk_pitch_limit: float = 1.0
     fall_height: float = 0.6
     substeps: int = 16
     velocity_iterations: int = 8
