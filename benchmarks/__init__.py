@@ -1,0 +1,1 @@
+"""Speed of physics and learners on this machine: `python -m benchmarks [NAME ...]`."""
