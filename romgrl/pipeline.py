@@ -151,9 +151,9 @@ class Job:
         tags = {"stage": stage, "key": self.keys[stage], "upstream": upstream_keys}
         run = self.tracker.start(stage, parent=self.run.run_id, tags=tags, params=settings)
         self.say(f"{stage}: started")
+        prepare(config)
         start, status = time.monotonic(), "FAILED"
         try:
-            prepare(config)
             with TerminalLog(stage, partial, sink=run.metrics, console=self.console) as log:
                 load_function(STAGES[stage].function)(config, inputs, partial, log)
             wall_time = time.monotonic() - start

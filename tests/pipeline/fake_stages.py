@@ -19,7 +19,7 @@ from romgrl.progress import StageLog
 def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog) -> None:
     """Write an array, a curve and, for the evaluation, its tables."""
     stage = output.parent.name
-    with (output.parents[2] / "calls.txt").open("a") as calls:
+    with (output.parents[1] / "calls.txt").open("a") as calls:
         calls.write(f"{stage} {config.speed} {config.eta} {config.seed}\n")
     fault = os.environ.get("FAKE_FAULT", "")
     if fault.startswith(f"{stage}:"):
@@ -37,7 +37,7 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
 def install() -> None:
     """Put the fake in the place of every stage."""
     for name, stage in keys.STAGES.items():
-        keys.STAGES[name] = keys.Stage(f"{__name__}:run", stage.upstream, stage.depends)
+        keys.STAGES[name] = keys.Stage("tests.pipeline.fake_stages:run", stage.upstream, stage.depends)
 
 
 def main() -> None:

@@ -108,7 +108,7 @@ REFUSED = {
     "speed=1,4": "speed=1,4: is a sweep over several values; put -m before the keys",
     "speed": "speed: cannot be read; write key=value",
     "seed='x": "seed='x: cannot be read; write key=value",
-    "rom.reset_speed=[1.1,0.5]": "rom.reset_speed: [1.1, 0.5] is not allowed; allowed: two numbers, the lower one first",
+    "rom.reset_speed=[2,1]": "rom.reset_speed: [2.0, 1.0] is not allowed; allowed: two numbers, the lower one first",
     "student.hidden_sizes=[0]": "student.hidden_sizes: [0] is not allowed; allowed: a list of whole numbers >= 1",
     "student.batch_size=9999999": "student.batch_size: 9999999 is not allowed; allowed: at most student.buffer_size",
     "evaluation.window=400": "evaluation.window: 400 is not allowed; allowed: at most evaluation.steps = ",

@@ -1,0 +1,43 @@
+"""curve.csv and what a stage prints."""
+
+from __future__ import annotations
+
+import io
+import time
+from pathlib import Path
+
+from rich.console import Console
+
+from romgrl.progress import TerminalLog, format_duration
+
+
+def test_curve_widens_when_a_metric_appears(tmp_path: Path) -> None:
+    sent: list[tuple[dict[str, float], int]] = []
+    with TerminalLog("student", tmp_path, sink=lambda values, step: sent.append((dict(values), step))) as log:
+        log.metrics({"loss": 1.0}, 10)
+        log.metrics({"accuracy": 0.5, "loss": 2.0}, 20)
+        log.metrics({"loss": 3.0}, 30)
+    assert (tmp_path / "curve.csv").read_text().split() == ["step,loss,accuracy", "10,1.0,", "20,2.0,0.5", "30,3.0,"]
+    assert sent == [({"loss": 1.0}, 10), ({"accuracy": 0.5, "loss": 2.0}, 20), ({"loss": 3.0}, 30)]
+
+
+def test_without_a_terminal_lines_come_now_and_then(tmp_path: Path) -> None:
+    console = Console(file=io.StringIO(), width=200)
+    with TerminalLog("student", tmp_path, console=console) as log:
+        for step in range(1000):
+            log.progress(step, 1000, speed=3.5)
+        log.message("[bold]16 of 16 upright")
+    assert console.file.getvalue() == "student: [bold]16 of 16 upright\n"
+
+
+def test_progress_costs_little(tmp_path: Path) -> None:
+    """A thousand calls in well under a tenth of a second, on a terminal too."""
+    with TerminalLog("x", tmp_path, console=Console(file=io.StringIO(), force_terminal=True, width=120)) as log:
+        start = time.perf_counter()
+        for step in range(1000):
+            log.progress(step, 1000, speed=3.5, episode=2.0)
+        assert time.perf_counter() - start < 0.3
+
+
+def test_durations() -> None:
+    assert [format_duration(seconds) for seconds in (0, 59.6, 3599, 3600 + 61)] == ["0:00", "1:00", "59:59", "1:01:01"]

@@ -1,0 +1,151 @@
+"""What arrives in a real SQLite store, and that a store that fails costs nothing."""
+
+from __future__ import annotations
+
+import io
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from mlflow import MlflowClient
+from mlflow.entities import Run
+from rich.console import Console
+
+from romgrl import pipeline
+from romgrl.config import STAGES, Config
+from romgrl.tracking import PARENT_TAG, Tracker, default_uri
+from tests.pipeline.conftest import ROOT, Command
+
+
+def all_runs(outputs: Path) -> list[Run]:
+    client = MlflowClient(tracking_uri=default_uri(outputs))
+    return list(client.search_runs([client.get_experiment_by_name("romgrl").experiment_id], max_results=1000))
+
+
+@pytest.mark.usefixtures("fakes")
+def test_one_run_per_stage_under_one_job(smoke_config: Config) -> None:
+    console = Console(file=io.StringIO(), width=120)
+    finished = pipeline.run(smoke_config, name="mine", console=console)
+    outputs = Path(smoke_config.paths.outputs)
+    runs = {run.data.tags["stage"]: run for run in all_runs(outputs)}
+    assert set(runs) == {"job", *STAGES}
+    job, student = runs["job"], runs["student"]
+    assert job.info.run_name == "mine"
+    assert all(runs[stage].data.tags[PARENT_TAG] == job.info.run_id for stage in STAGES)
+    assert all(run.info.status == "FINISHED" for run in runs.values())
+    assert student.data.tags["key"] == finished["student"].name
+    assert student.data.tags["upstream"] == f"reference={finished['reference'].name}"
+    assert job.data.tags["romgrl.run.student"] == student.info.run_id
+    assert student.data.params["student.gamma"] == str(smoke_config.student.gamma)
+    assert student.data.params["eta"] == "0.5"
+    assert job.data.params["teacher.speed"] == "4.0"
+    assert "rom.stiffness" not in student.data.params
+    client = MlflowClient(tracking_uri=default_uri(outputs))
+    history = client.get_metric_history(student.info.run_id, "loss")
+    assert sorted((point.step, point.value) for point in history) == [(0, 0.0), (10, 1.0), (20, 2.0)]
+    assert {file.path for file in client.list_artifacts(student.info.run_id)} == {
+        "curve.csv",
+        "data.npz",
+        "manifest.json",
+    }
+    assert (outputs / "mlartifacts").is_dir()
+    text = console.file.getvalue()
+    assert f"mlflow run: {student.info.run_id}\n" in text
+    assert f"mlflow ui --backend-store-uri sqlite:///{outputs.resolve()}/mlflow.db\n" in text
+
+
+@pytest.mark.usefixtures("fakes")
+def test_reused_stages_are_referenced_not_logged_again(smoke_config: Config) -> None:
+    for _ in range(2):
+        pipeline.run(smoke_config, console=Console(file=io.StringIO()))
+    runs = all_runs(Path(smoke_config.paths.outputs))
+    stages = [run.data.tags["stage"] for run in runs]
+    assert (len(runs), stages.count("job")) == (len(STAGES) + 2, 2)
+    first, second = sorted(
+        (run for run in runs if run.data.tags["stage"] == "job"), key=lambda run: run.info.start_time
+    )
+    made = {run.data.tags["stage"]: run.info.run_id for run in runs}
+    for stage in STAGES:
+        assert f"romgrl.reused_from.{stage}" not in first.data.tags
+        assert second.data.tags[f"romgrl.reused_from.{stage}"] == made[stage]
+        assert second.data.metrics[f"time_saved/{stage}"] > 0
+
+
+def test_sweep_is_the_parent_of_its_jobs(command: Command, tmp_path: Path) -> None:
+    result = command("-m", "experiment=smoke", "stage=baseline", "speed=1,4")
+    assert result.returncode == 0, result.stderr
+    runs = all_runs(tmp_path / "outputs")
+    (sweep,) = [run for run in runs if run.data.tags["stage"] == "sweep"]
+    jobs = [run for run in runs if run.data.tags["stage"] == "job"]
+    assert [job.data.tags[PARENT_TAG] for job in jobs] == [sweep.info.run_id] * 2
+    assert {job.data.params["speed"] for job in jobs} == {"1.0", "4.0"}
+    assert (sweep.info.status, sweep.data.params["jobs"]) == ("FINISHED", "2")
+
+
+@pytest.mark.usefixtures("fakes")
+def test_interrupted_runs_are_closed(smoke_config: Config, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("FAKE_FAULT", "student:interrupt")
+    with pytest.raises(KeyboardInterrupt):
+        pipeline.run(smoke_config, console=Console(file=io.StringIO()))
+    status = {run.data.tags["stage"]: run.info.status for run in all_runs(Path(smoke_config.paths.outputs))}
+    assert status == {"job": "KILLED", "student": "KILLED", "teacher": "FINISHED", "reference": "FINISHED"}
+
+
+def test_four_processes_open_a_fresh_store_at_once(tmp_path: Path) -> None:
+    script = (
+        "import sys; from pathlib import Path; from romgrl.tracking import Tracker;"
+        "tracker = Tracker(uri=None, experiment='romgrl', outputs=Path(sys.argv[1]));"
+        "run = tracker.start('x', tags={'stage': 'x'}, params={'a': 1}); run.metrics({'m': 1.0}, 1); run.finish();"
+        "sys.exit(run.run_id is None)"
+    )
+    command = [sys.executable, "-c", script, str(tmp_path)]
+    jobs = [subprocess.Popen(command, cwd=ROOT, stderr=subprocess.PIPE, text=True) for _ in range(4)]
+    errors = [job.communicate(timeout=120)[1] for job in jobs]
+    assert [job.returncode for job in jobs] == [0] * 4, errors
+    assert errors == [""] * 4
+    runs = all_runs(tmp_path)
+    assert len(runs) == 4
+    assert all(run.data.metrics == {"m": 1.0} for run in runs)
+    store = (tmp_path / "mlflow.db").read_bytes()
+    assert store[18:20] == b"\x02\x02"  # file format of the SQLite header: write-ahead log
+
+
+def test_a_store_that_fails_is_told_once_and_survived(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "mlflow.db").write_text("this is not a database")
+    tracker = Tracker(uri=None, experiment="romgrl", outputs=tmp_path)
+    run = tracker.start("x", tags={}, params={"a": 1})
+    run.metrics({"m": 1.0}, 1)
+    run.artifacts(tmp_path)
+    run.finish()
+    assert run.run_id is None
+    assert capsys.readouterr().err.count("warning: MLflow at ") == 1
+
+
+def test_a_store_that_fails_in_mid_training(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    tracker = Tracker(uri=None, experiment="romgrl", outputs=tmp_path)
+    run = tracker.start("x", tags={})
+    for name in ("mlflow.db", "mlflow.db-wal", "mlflow.db-shm"):
+        (tmp_path / name).unlink(missing_ok=True)
+    (tmp_path / "mlflow.db").mkdir()
+    tracker.client._tracking_client.store.engine.dispose()  # type: ignore[union-attr]
+    for step in range(5):
+        run.metrics({"m": 1.0}, step)
+    run.artifacts(tmp_path)
+    run.finish()
+    assert capsys.readouterr().err.count("warning: MLflow at ") == 1
+
+
+def test_logging_costs_under_one_percent(tmp_path: Path) -> None:
+    """A training logs some 20 numbers a second; 2,000 of them cost the caller under a second of its 100."""
+    run = Tracker(uri=None, experiment="romgrl", outputs=tmp_path).start("x", tags={})
+    before = time.process_time()
+    for step in range(100):
+        run.metrics({f"m{i}": float(step) for i in range(20)}, step)
+    queued = time.process_time() - before
+    run.finish()
+    assert queued < 0.1
+    assert time.process_time() - before < 1.0
+    (stored,) = all_runs(tmp_path)
+    assert stored.data.metrics == {f"m{i}": 99.0 for i in range(20)}

@@ -1,0 +1,120 @@
+"""The arrows of docs/architecture.md: who may import whom, held by reading the sources."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+SOURCES = sorted((ROOT / "romgrl").rglob("*.py"))
+LEARNING = {"algorithms", "networks", "buffers", "normalizer"}
+WORLDS = {"rom", "humanoid"}
+WIRING = {"__main__", "composition", "sweep", "config_docs"}
+BELOW_STAGES = LEARNING | WORLDS | {"gait", "report", "artifacts", "progress", "config", "errors", "stages"}
+ALLOWED = {
+    "algorithms": LEARNING | {"artifacts", "errors"},
+    "networks": {"errors"},
+    "buffers": {"errors"},
+    "normalizer": {"errors"},
+    "rom": {"rom", "errors", "config"},
+    "humanoid": {"humanoid", "errors", "config"},
+    "gait": {"gait", "errors"},
+    "report": {"report", "gait", "artifacts", "errors", "config", "rom", "humanoid"},
+    "artifacts": {"errors"},
+    "progress": {"errors"},
+    "config": set(),
+    "errors": set(),
+    "stages": BELOW_STAGES,
+    "validation": {"config", "errors"},
+    "keys": {"config", "validation"},
+    "provenance": set(),
+    "summary": set(),
+    "tracking": {"errors"},
+    "pipeline": {
+        "artifacts",
+        "config",
+        "errors",
+        "keys",
+        "progress",
+        "provenance",
+        "summary",
+        "tracking",
+        "validation",
+    },
+    "composition": {"config", "errors", "validation"},
+    "sweep": {"composition", "errors", "validation", "tracking"},
+    "config_docs": {"__main__", "composition", "config", "validation"},
+    "__main__": {"composition", "errors", "pipeline"},
+    "__init__": set(),
+}
+
+
+def room(path: Path) -> str:
+    """The top-level module or package that a file belongs to."""
+    first = path.relative_to(ROOT / "romgrl").parts[0]
+    return first.removesuffix(".py")
+
+
+def imports(path: Path) -> set[str]:
+    """Every imported module, dotted; relative imports made absolute."""
+    found: set[str] = set()
+    package = ["romgrl", *path.relative_to(ROOT / "romgrl").parts[:-1]]
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            base = [*package[: len(package) - node.level + 1]] if node.level else []
+            module = ".".join([*base, *(node.module or "").split(".")]).strip(".")
+            found |= {f"{module}.{alias.name}" if module == "romgrl" else module for alias in node.names}
+    return found
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_arrows(path: Path) -> None:
+    own = room(path)
+    used = {name.split(".")[1] for name in imports(path) if name.startswith("romgrl.")}
+    assert used <= ALLOWED[own] | {own}, f"{own} must not import {used - ALLOWED[own]}"
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_outside_libraries(path: Path) -> None:
+    own, roots = room(path), {name.split(".")[0] for name in imports(path)}
+    if own != "tracking":
+        assert "mlflow" not in roots
+    if own not in WIRING:
+        assert not roots & {"hydra", "omegaconf"}
+    if own in LEARNING:
+        assert not roots & {"gymnasium", "mujoco"}
+    assert not roots & {"pickle", "joblib", "dill", "shelve"}
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_files_and_functions_stay_small(path: Path) -> None:
+    text = path.read_text()
+    assert len(text.splitlines()) <= 300
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            assert (node.end_lineno or 0) - node.lineno < 65, f"{node.name} is too long"
+
+
+def test_entry_point_is_under_50_lines() -> None:
+    assert len((ROOT / "romgrl" / "__main__.py").read_text().splitlines()) < 60
+
+
+def test_help_is_quick_and_imports_nothing_heavy() -> None:
+    heavy = "{'torch', 'mujoco', 'mlflow', 'matplotlib', 'pandas'}"
+    script = (
+        "import sys, time, atexit; start = time.perf_counter(); sys.argv = ['romgrl', '--help'];"
+        f"atexit.register(lambda: print(time.perf_counter() - start, {heavy} & set(sys.modules)));"
+        "from romgrl.__main__ import main; main()"
+    )
+    result = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=True)
+    seconds, modules = result.stdout.splitlines()[-1].split(maxsplit=1)
+    assert modules == "set()"
+    assert float(seconds) < 1.5
+    for word in ("stage=teacher", "-m speed=1,4", "experiment=paper", "hours", "fast_sac", "docs/configuration.md"):
+        assert word in result.stdout
