@@ -21,7 +21,7 @@ from romgrl.errors import RomgrlError
 from romgrl.keys import STAGES, all_keys, stage_config, stage_settings
 from romgrl.progress import StageLog, TerminalLog, format_duration
 from romgrl.provenance import git_state, versions
-from romgrl.summary import result_tables
+from romgrl.summary import result_metrics, result_tables
 from romgrl.validation import validate
 
 if TYPE_CHECKING:
@@ -46,10 +46,14 @@ def run(
     tracker = Tracker(uri=tracking.uri, experiment=tracking.experiment, outputs=outputs, enabled=tracking.enabled)
     tracked = tracker.start(name, parent=parent, tags={"stage": "job"}, params=asdict(config))
     job = Job(config, tracker, tracked, console or Console(), all_keys(config))
+    if parent is not None:
+        job.say(f"job: {name}")
     status = "FAILED"
     try:
         for stage in STAGES if config.stage == "all" else (config.stage,):
             job.ensure(stage)
+        if "evaluation" in job.finished:
+            tracked.metrics(result_metrics(job.finished["evaluation"]), 0)
         status = "FINISHED"
     except KeyboardInterrupt:
         status = "KILLED"

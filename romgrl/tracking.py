@@ -8,7 +8,10 @@ from __future__ import annotations
 import logging
 import os
 import queue
+import shlex
+import shutil
 import sqlite3
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -43,8 +46,12 @@ def default_uri(outputs: Path) -> str:
 
 
 def ui_command(uri: str) -> str:
-    """The command that shows the runs of a store on this machine."""
-    return f"mlflow server is at {uri}" if uri.startswith("http") else f"mlflow ui --backend-store-uri {uri}"
+    """The command that shows the runs of a store on this machine; the server listens on loopback only."""
+    if uri.startswith("http"):
+        return f"open {uri}"
+    beside_python = Path(sys.executable).with_name("mlflow")
+    program = "mlflow" if shutil.which("mlflow") or not beside_python.exists() else shlex.quote(str(beside_python))
+    return f"{program} ui --backend-store-uri {shlex.quote(uri)}"
 
 
 def flatten(settings: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:

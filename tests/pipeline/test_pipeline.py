@@ -5,6 +5,8 @@ from __future__ import annotations
 import io
 import json
 import re
+import signal
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -108,6 +110,19 @@ def test_exit_codes(command: Command, fault: str, code: int) -> None:
     assert re.search(r"teacher: (interrupted|failed) after 0:0\d; kept /.*\.partial", result.stdout)
     assert "Traceback" not in result.stderr
     assert result.stderr == ("teacher: loss = nan at step 7\n" if code == 4 else "")
+
+
+def test_control_c(tmp_path: Path) -> None:
+    """The signal a terminal sends: the stage stops at once, its directory is kept, no traceback."""
+    arguments = ("experiment=smoke", "stage=teacher", f"paths.outputs={tmp_path}/outputs")
+    job = start(*arguments, FAKE_SECONDS="60")
+    partial = tmp_path / "outputs" / "artifacts" / "calls.txt"
+    while not partial.exists():
+        time.sleep(0.1)
+    job.send_signal(signal.SIGINT)
+    out, err = job.communicate(timeout=10)
+    assert (job.returncode, err) == (130, "")
+    assert re.search(r"interrupted after 0:\d\d; kept /.*\.partial", out)
 
 
 def test_exit_code_of_a_damaged_artifact(command: Command, tmp_path: Path) -> None:

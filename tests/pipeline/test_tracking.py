@@ -41,6 +41,11 @@ def test_one_run_per_stage_under_one_job(smoke_config: Config) -> None:
     assert student.data.params["student.gamma"] == str(smoke_config.student.gamma)
     assert student.data.params["eta"] == "0.5"
     assert job.data.params["teacher.speed"] == "4.0"
+    assert job.data.metrics == {
+        "average/raw/baseline": 2,
+        "average/raw/student": 1,
+        "average/raw/reduction_percent": 50,
+    }
     assert "rom.stiffness" not in student.data.params
     client = MlflowClient(tracking_uri=default_uri(outputs))
     history = client.get_metric_history(student.info.run_id, "loss")
