@@ -48,7 +48,7 @@ class Reads:
             def watched(config: Config, inputs: Mapping[str, Path], output: Path, log: object) -> None:
                 self.stage = output.parent.name
                 try:
-                    function(config, inputs, output, log)  # type: ignore[arg-type]
+                    function(config, inputs, output, log)
                 finally:
                     self.stage = None
 
@@ -83,7 +83,7 @@ def smoke(compose_config: Composer, tmp_path_factory: pytest.TempPathFactory) ->
         "finished": finished,
         "reads": reads.keys,
         "seconds": seconds,
-        "text": console.file.getvalue(),  # type: ignore[attr-defined]
+        "text": console.file.getvalue(),
     }
 
 
@@ -182,4 +182,4 @@ def test_second_run_makes_nothing(smoke: dict[str, Any]) -> None:
     console = Console(file=io.StringIO(), width=120)
     finished = pipeline.run(smoke["config"], console=console)
     assert {path: path.stat().st_mtime_ns for path in finished.values()} == before
-    assert console.file.getvalue().count(": reused; it took") == len(STAGES)  # type: ignore[attr-defined]
+    assert console.file.getvalue().count(": reused; it took") == len(STAGES)

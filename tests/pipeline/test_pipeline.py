@@ -159,7 +159,7 @@ def test_parallel_jobs_train_once(tmp_path: Path) -> None:
     assert len(trainings(tmp_path / "outputs")) == 1
     assert sum("teacher: done in" in text for text in texts) == 1
     assert sum("waiting for it" in text for text in texts) >= 1
-    assert len({re.search("artifact: (.*)", text).group(1) for text in texts}) == 1  # type: ignore[union-attr]
+    assert len({re.search("artifact: (.*)", text).group(1) for text in texts}) == 1
 
 
 def test_resolved_configuration(compose_config: Composer, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -134,7 +134,7 @@ def test_a_store_that_fails_in_mid_training(tmp_path: Path, capsys: pytest.Captu
     for name in ("mlflow.db", "mlflow.db-wal", "mlflow.db-shm"):
         (tmp_path / name).unlink(missing_ok=True)
     (tmp_path / "mlflow.db").mkdir()
-    tracker.client._tracking_client.store.engine.dispose()  # type: ignore[union-attr]
+    tracker.client._tracking_client.store.engine.dispose()
     for step in range(5):
         run.metrics({"m": 1.0}, step)
     run.artifacts(tmp_path)
