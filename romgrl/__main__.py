@@ -4,19 +4,14 @@ from __future__ import annotations
 
 import os
 import sys
-from pathlib import Path
 
 import hydra
 from hydra._internal.utils import get_args_parser
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
-from romgrl.composition import COMPOSITION_ERRORS, explain, register_schema, to_config
+from romgrl.composition import COMPOSITION_ERRORS, CONF, explain, flags_first, register_schema, to_config
 from romgrl.errors import ConfigurationError, RomgrlError
-
-HERE = Path(__file__).resolve().parent
-CONF = HERE / "conf" if (HERE / "conf").is_dir() else HERE.parent / "conf"
-
 
 failures: list[RomgrlError] = []
 
@@ -37,6 +32,7 @@ def job(composed: DictConfig) -> None:
 def main() -> None:
     """Run, and turn what can go wrong into one line per fault and an exit code."""
     os.environ["HYDRA_FULL_ERROR"] = "1"  # let errors reach this function instead of Hydra's own report
+    sys.argv[1:] = flags_first(sys.argv[1:])
     register_schema()
     try:
         job()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterator, Sequence
 from dataclasses import fields
+from pathlib import Path
 from typing import Any
 
 from hydra.core.config_store import ConfigStore
@@ -18,12 +19,19 @@ from romgrl.config import MISSING, Config
 from romgrl.errors import ConfigurationError
 from romgrl.validation import allowed, in_range, refusal, schema_keys, unknown_key, value_of
 
+HERE = Path(__file__).resolve().parent
+CONF = HERE / "conf" if (HERE / "conf").is_dir() else HERE.parent / "conf"  # installed, or in a checkout
 COMPOSITION_ERRORS = (HydraException, OmegaConfBaseException)
 
 
 def register_schema() -> None:
     """Tell Hydra the schema under the name that conf/config.yaml starts from."""
     ConfigStore.instance().store("schema", Config)
+
+
+def flags_first(arguments: Sequence[str]) -> list[str]:
+    """Put options before overrides, so that -m may stand anywhere; Hydra's parser wants it so."""
+    return sorted(arguments, key=lambda text: not text.startswith("-") and ("=" in text or text[:1] in ("~", "+")))
 
 
 def to_config(composed: Any) -> Config:

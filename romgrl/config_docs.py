@@ -8,8 +8,7 @@ from typing import Any
 
 from hydra import compose, initialize_config_dir
 
-from romgrl.__main__ import CONF
-from romgrl.composition import register_schema, to_config
+from romgrl.composition import CONF, register_schema, to_config
 from romgrl.config import Config
 from romgrl.validation import allowed, schema_keys, show, value_of
 

@@ -9,8 +9,7 @@ import pytest
 from hydra import compose, initialize_config_dir
 from hydra.core.global_hydra import GlobalHydra
 
-from romgrl.__main__ import CONF
-from romgrl.composition import register_schema, to_config
+from romgrl.composition import CONF, register_schema, to_config
 from romgrl.config import Config
 
 Composer = Callable[..., Config]

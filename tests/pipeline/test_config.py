@@ -10,8 +10,7 @@ from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
 from romgrl import config_docs
-from romgrl.__main__ import CONF
-from romgrl.composition import COMPOSITION_ERRORS, explain, to_config
+from romgrl.composition import COMPOSITION_ERRORS, CONF, explain, to_config
 from romgrl.config import STAGES, Config
 from romgrl.errors import ConfigurationError
 from romgrl.validation import schema_keys, validate, value_of
@@ -141,6 +140,7 @@ def test_refusals(compose_config: Composer, override: str) -> None:
         (["student=sax"], 1),
         (["-m", "speed=1,99", "seed=0"], 1),
         (["-m", "eta=a,0.5"], 1),
+        (["seed=0", "-m", "eta=a,0.5"], 1),
         (["--config-name", "nothing"], 1),
     ],
 )
