@@ -126,12 +126,12 @@ bool Walker::update_touchdown(int side, const LegView& view, bool is_loaded) {
     return true;
 }
 
-// An unloaded leg shortens until it has passed half of its last touchdown angle, then extends again. A loaded leg keeps
-// its rest length: extending it would pump energy into the stance (up to k (0.15 L0)^2 / 2 = 200 J per step).
-void Walker::update_shortening(int side, const LegView& view, bool is_loaded) {
-    if (is_loaded) return;
+// An unloaded leg shortens while the other one carries the body, until it has passed half of its last touchdown angle;
+// then it extends again. A loaded leg keeps its rest length: extending it would pump energy into the stance (up to
+// k (0.15 L0)^2 / 2 = 200 J per step), which makes a two-legged hop the best gait.
+void Walker::update_shortening(int side, const LegView& view, bool other_loaded) {
     Motion& motion = motion_[side];
-    const bool early = view.angle < 0.5 * std::max(motion.touchdown_angle, 0.0);
+    const bool early = other_loaded && view.angle < 0.5 * std::max(motion.touchdown_angle, 0.0);
     const double full = parameters_.retraction * parameters_.leg_length;
     const double change = full * dt_ / parameters_.retraction_time;
     const double target = early ? full : 0.0;
@@ -153,12 +153,15 @@ double Walker::stop_torque(const LegView& view) const {
 
 bool Walker::substep(const std::array<double, kLegs>& command) {
     std::array<LegView, kLegs> view{};
+    std::array<bool, kLegs> is_loaded{};
     int touchdown = 0;
     for (int i = 0; i < kLegs; ++i) {
         view[i] = leg(i);
-        const bool is_loaded = loaded(i, view[i]);
-        if (update_touchdown(i, view[i], is_loaded)) touchdown += i == 0 ? 1 : 2;
-        update_shortening(i, view[i], is_loaded);
+        is_loaded[i] = loaded(i, view[i]);
+    }
+    for (int i = 0; i < kLegs; ++i) {
+        if (update_touchdown(i, view[i], is_loaded[i])) touchdown += i == 0 ? 1 : 2;
+        if (!is_loaded[i]) update_shortening(i, view[i], is_loaded[1 - i]);
         motion_[i].torque += lag_gain_ * (command[i] - motion_[i].torque);
     }
     if (touchdown == 3) touchdown = view[0].angle > view[1].angle ? 1 : 2;  // both at once: the one in front

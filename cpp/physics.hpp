@@ -72,7 +72,7 @@ class Walker {
     b2Body* foot(int side) const { return feet_[slot_[side]]; }
     double rest_length(int side) const { return parameters_.leg_length - motion_[side].shortening; }
     bool update_touchdown(int side, const LegView& view, bool is_loaded);
-    void update_shortening(int side, const LegView& view, bool is_loaded);
+    void update_shortening(int side, const LegView& view, bool other_loaded);
     double stop_torque(const LegView& view) const;
     bool substep(const std::array<double, kLegs>& command);
     void add_ground_force();

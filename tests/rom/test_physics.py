@@ -151,16 +151,26 @@ def test_hip_stops_and_leg_stops_hold() -> None:
 
 
 def test_unloaded_leg_retracts_and_extends_again() -> None:
-    """A leg swinging forward is 15% shorter in early swing and at full length past half the touchdown angle."""
+    """Beside a loaded leg, a leg swinging forward is 15% shorter in early swing, full past half the touchdown angle."""
     parameters = core_parameters(trunk_pinned=True, gravity=0.0, fall_height=0.0, control_frequency=480.0, substeps=1)
-    trunk, feet = run(parameters, pose(y=3.0, hip_angle=(-0.5, -0.5), hip_rate=(3.0, 3.0)), 240)
+    start = pose(
+        y=LENGTH + RADIUS - 0.05, hip_angle=(-0.5, 0.0), hip_rate=(3.0, 0.0), leg_length=(LENGTH, LENGTH - 0.05)
+    )
+    trunk, feet = run(parameters, start, 200)
     leg = feet[:, 0, :2] - trunk[:, :2]
     length, angle = np.hypot(leg[:, 0], leg[:, 1]), np.arctan2(leg[:, 0], -leg[:, 1])
-    early = (angle < 0.25) & (np.arange(241) > 0.1 * SUBSTEPS_PER_SECOND)
+    early = (angle < 0.25) & (np.arange(201) > 0.1 * SUBSTEPS_PER_SECOND)
     assert early.any()
     np.testing.assert_allclose(length[early], 0.85 * LENGTH, atol=0.01 * LENGTH)
     late = np.flatnonzero(angle > 0.25)[0] + int(0.12 * SUBSTEPS_PER_SECOND)
     np.testing.assert_allclose(length[late:], LENGTH, atol=0.01 * LENGTH)
+
+
+def test_no_leg_retracts_in_flight() -> None:
+    parameters = core_parameters(gravity=0.0, control_frequency=480.0, substeps=1)
+    trunk, feet = run(parameters, pose(y=3.0, hip_angle=(-0.5, 0.3)), 100)
+    length = np.hypot(*(feet[:, :, :2] - trunk[:, None, :2]).transpose(2, 0, 1))
+    np.testing.assert_allclose(length, LENGTH, atol=1e-4)
 
 
 def test_free_trunk_falls_beyond_its_pitch_limit_and_a_locked_one_stays() -> None:
