@@ -6,12 +6,12 @@ import os
 import sys
 
 import hydra
-from hydra._internal.utils import get_args_parser
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
-from romgrl.composition import COMPOSITION_ERRORS, CONF, explain, flags_first, register_schema, to_config
-from romgrl.errors import ConfigurationError, RomgrlError
+from romgrl.composition import COMPOSITION_ERRORS, CONF, flags_first, refuse, register_schema, to_config
+from romgrl.errors import RomgrlError
+from romgrl.usage import usage
 
 failures: list[RomgrlError] = []
 
@@ -31,14 +31,16 @@ def job(composed: DictConfig) -> None:
 
 def main() -> None:
     """Run, and turn what can go wrong into one line per fault and an exit code."""
-    os.environ["HYDRA_FULL_ERROR"] = "1"  # let errors reach this function instead of Hydra's own report
+    if {"-h", "--help"} & set(sys.argv):
+        print(usage(CONF))
+        return
+    os.environ["HYDRA_FULL_ERROR"] = "1"  # errors come here instead of into Hydra's own report
     sys.argv[1:] = flags_first(sys.argv[1:])
     register_schema()
     try:
         job()
     except COMPOSITION_ERRORS as error:
-        print("\n".join(explain(get_args_parser().parse_args().overrides, error)), file=sys.stderr)
-        sys.exit(ConfigurationError.exit_code)
+        sys.exit(refuse(error))
     except KeyboardInterrupt:
         sys.exit(130)
     if failures:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import difflib
+import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
+from hydra._internal.utils import get_args_parser
 from hydra.core.config_store import ConfigStore
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import Override
@@ -47,6 +49,12 @@ def to_config(composed: Any) -> Config:
     if problems:
         raise ConfigurationError("\n".join(problems))
     return config
+
+
+def refuse(error: Exception) -> int:
+    """Print what is wrong with this process's command line and return the exit code."""
+    print("\n".join(explain(get_args_parser().parse_args().overrides, error)), file=sys.stderr)
+    return ConfigurationError.exit_code
 
 
 def explain(overrides: Sequence[str], error: Exception) -> list[str]:

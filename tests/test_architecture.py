@@ -48,7 +48,8 @@ ALLOWED = {
     "composition": {"config", "errors", "validation"},
     "sweep": {"composition", "errors", "validation", "tracking"},
     "config_docs": {"composition", "config", "validation"},
-    "__main__": {"composition", "errors", "pipeline"},
+    "__main__": {"composition", "errors", "pipeline", "usage"},
+    "usage": set(),
     "__init__": set(),
 }
 

@@ -1,0 +1,34 @@
+"""What `python -m romgrl --help` prints."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+TEXT = """romgrl: a humanoid learns to walk and run from a reduced-order model, with no human demonstration.
+
+  python -m romgrl                               the whole pipeline (about 20 minutes)
+  python -m romgrl stage=teacher                 one stage, with what it needs
+  python -m romgrl -m speed=1,4 eta=0.3,0.5      a sweep; what jobs share is trained once
+  python -m romgrl experiment=paper              the paper's budgets (about 12 hours)
+  python -m romgrl --config-dir sweeps --config-name paper    a stored sweep
+
+Keys:
+  stage      all, teacher, reference, student, baseline, evaluation or report
+  speed      target speed of student and baseline in m/s
+  eta        weight of the task reward; 1 - eta weighs imitation
+  noise      standard deviation of the noise on the discriminator's features
+  seed, device (cpu, cuda), threads (0: all cores), paths.outputs (where results go)
+
+Groups as group=choice, and every key in them as group.key=value:
+{groups}
+
+Options: -m sweep over lists; --cfg job print the configuration instead of running; --hydra-help Hydra's own options.
+docs/configuration.md explains every key with its unit, range and default.
+Exit codes: 0 done, 2 bad configuration, 3 bad or missing artifact, 4 diverged, 130 interrupted."""
+
+
+def usage(conf: Path) -> str:
+    """The text, with the choices of every group in a configuration directory."""
+    groups = sorted(path for path in conf.iterdir() if path.is_dir() and path.name != "hydra")
+    lines = [f"  {group.name:<14} {', '.join(sorted(file.stem for file in group.glob('*.yaml')))}" for group in groups]
+    return TEXT.format(groups="\n".join(lines))
