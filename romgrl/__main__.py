@@ -32,8 +32,7 @@ def job(composed: DictConfig) -> None:
 def main() -> None:
     """Run, and turn what can go wrong into one line per fault and an exit code."""
     if {"-h", "--help"} & set(sys.argv):
-        print(usage(CONF))
-        return
+        return print(usage(CONF))
     os.environ["HYDRA_FULL_ERROR"] = "1"  # errors come here instead of into Hydra's own report
     sys.argv[1:] = flags_first(sys.argv[1:])
     register_schema()
@@ -43,8 +42,7 @@ def main() -> None:
         sys.exit(refuse(error))
     except KeyboardInterrupt:
         sys.exit(130)
-    if failures:
-        sys.exit(failures[0].exit_code)
+    sys.exit(failures[0].exit_code if failures else 0)
 
 
 if __name__ == "__main__":
