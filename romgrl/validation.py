@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import math
+import os
 from collections.abc import Iterator
 from dataclasses import Field, fields, is_dataclass
 from pathlib import Path
@@ -132,6 +133,10 @@ def misfits(config: Config) -> Iterator[str]:
         yield refusal("humanoid.xml", None, "the path of HumEnv's robot.xml")
     if config.humanoid.xml is not None and not Path(config.humanoid.xml).expanduser().is_file():
         yield refusal("humanoid.xml", config.humanoid.xml, "a MuJoCo file that exists")
+    outputs = Path(config.paths.outputs).expanduser().absolute()
+    nearest = next(path for path in (outputs, *outputs.parents) if path.exists())
+    if not nearest.is_dir() or not os.access(nearest, os.W_OK):
+        yield refusal("paths.outputs", config.paths.outputs, "a directory that can be written")
     if config.device == "cuda" and not cuda_available():
         yield refusal("device", "cuda", "cpu (no CUDA device was found)")
 

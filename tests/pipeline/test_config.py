@@ -113,6 +113,7 @@ REFUSED = {
     "evaluation.window=400": "evaluation.window: 400 is not allowed; allowed: at most evaluation.steps = ",
     "teacher.minibatch_size=99999": "teacher.minibatch_size: 99999 is not allowed; allowed: at most teacher.num",
     "humanoid.xml=/none.xml": "humanoid.xml: /none.xml is not allowed; allowed: a MuJoCo file that exists",
+    "paths.outputs=/etc/hostname/x": "paths.outputs: /etc/hostname/x is not allowed; allowed: a directory that can be",
     "humanoid=humenv": "humanoid.xml: null is not allowed; allowed: the path of HumEnv's robot.xml",
 }
 
