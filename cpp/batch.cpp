@@ -1,10 +1,10 @@
 #include "batch.hpp"
 
+#include <unistd.h>
+
 #include <algorithm>
 #include <mutex>
 #include <stdexcept>
-#include <system_error>
-#include <thread>
 
 namespace romgrl {
 namespace {
@@ -24,32 +24,22 @@ void warm_up() {
 
 }  // namespace
 
-Batch::Batch(const Parameters& parameters, int worlds, int threads) : parameters_(parameters) {
+Batch::Batch(const Parameters& parameters, int worlds, int threads) {
     validate(parameters);
     if (worlds < 1 || worlds > 100000) throw std::invalid_argument("the number of worlds must be 1 to 100000");
     if (threads < 1 || threads > 1024) throw std::invalid_argument("the number of threads must be 1 to 1024");
-    threads_ = std::min(threads, worlds);
     warm_up();
     environments_.reserve(worlds);
     for (int i = 0; i < worlds; ++i) {
         environments_.push_back(std::make_unique<Environment>(parameters, static_cast<std::uint64_t>(i)));
     }
+    pool_ = std::make_unique<Pool>(std::min(threads, worlds));
+    owner_ = getpid();
 }
 
-// Static chunks. The caller's thread takes the first, and those for which the system has no thread.
-void Batch::split(const std::function<void(int, int)>& work) const {
-    const int total = worlds();
-    const auto begin = [total, this](int i) { return static_cast<int>(static_cast<long long>(total) * i / threads_); };
-    std::vector<std::thread> pool;
-    pool.reserve(threads_ - 1);
-    int started = 1;
-    try {
-        for (; started < threads_; ++started) pool.emplace_back(work, begin(started), begin(started + 1));
-    } catch (const std::system_error&) {
-        work(begin(started), total);
-    }
-    work(0, begin(1));
-    for (std::thread& thread : pool) thread.join();
+// A forked child has no threads to join, and waiting for them would hang it: it lets go of them.
+Batch::~Batch() {
+    if (getpid() != owner_) static_cast<void>(pool_.release());
 }
 
 void Batch::seed(std::uint64_t value) {
@@ -84,9 +74,14 @@ void Batch::step_world(int world, const float* actions, const StepArrays& arrays
 }
 
 void Batch::step(const float* actions, const StepArrays& arrays) {
-    split([&](int begin, int end) {
+    const Pool::Work chunk = [&](int begin, int end) {
         for (int world = begin; world < end; ++world) step_world(world, actions, arrays);
-    });
+    };
+    if (getpid() == owner_) {
+        pool_->run(worlds(), chunk);
+    } else {
+        chunk(0, worlds());
+    }
 }
 
 void Batch::observe(float* observation, float* features, bool* contact) const {

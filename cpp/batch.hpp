@@ -2,11 +2,11 @@
 #pragma once
 
 #include <cstdint>
-#include <functional>
 #include <memory>
 #include <vector>
 
 #include "environment.hpp"
+#include "pool.hpp"
 
 namespace romgrl {
 
@@ -30,6 +30,7 @@ struct StepArrays {
 class Batch {
   public:
     Batch(const Parameters& parameters, int worlds, int threads);
+    ~Batch();
 
     int worlds() const { return static_cast<int>(environments_.size()); }
     int observation_size() const { return environments_.front()->observation_size(); }
@@ -44,11 +45,10 @@ class Batch {
 
   private:
     void step_world(int world, const float* actions, const StepArrays& arrays);
-    void split(const std::function<void(int, int)>& work) const;
 
-    Parameters parameters_;
-    int threads_;
     std::vector<std::unique_ptr<Environment>> environments_;
+    std::unique_ptr<Pool> pool_;
+    int owner_ = 0;  // process
 };
 
 }  // namespace romgrl

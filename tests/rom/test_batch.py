@@ -1,5 +1,8 @@
 """Batches: equal to single worlds, for any thread count, after restoring, in the mirror, and from the same seed."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
@@ -147,3 +150,29 @@ def test_order_of_the_legs_hardly_matters_to_the_solver() -> None:
 
 def test_state_size_is_the_modules() -> None:
     assert seeded().batch.save().shape == (NUM_WORLDS, _core.STATE_SIZE)
+
+
+def test_forked_child_steps_on_without_threads() -> None:
+    """Worker threads do not survive a fork: the child gives the same numbers alone, and ends without hanging."""
+    code = """
+import os, sys
+import subprocess
+import sys
+
+import numpy as np
+from tests.rom.worlds import Worlds, core_parameters
+worlds = Worlds(core_parameters(), 8, 3)
+worlds.step()
+child = os.fork()
+for _ in range(5):
+    worlds.step()
+print(worlds["features"].sum(dtype=np.float64))
+del worlds
+sys.stdout.flush()
+if child:
+    sys.exit(os.waitpid(child, 0)[1])
+"""
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=60)
+    assert result.returncode == 0, result.stderr
+    assert len(set(result.stdout.split())) == 1
+    assert len(result.stdout.split()) == 2
