@@ -1,8 +1,8 @@
 """Distance between gaits that start at different phases.
 
 The last `window` steps of each episode without a fall are laid over every window of the reference that lies within one
-of its episodes. One common time shift for all five channels, no time warping: the one with the least variance-normalised
-error
+of its episodes. One common time shift for all five channels, no time warping: the one with the least error, channels
+weighted by their variance
 
     shift = argmin_s sum_c mean_t (a[t, c] - b[s + t, c])^2 / var_c,      var_c: variance of channel c of the reference.
 
@@ -87,9 +87,9 @@ def mse_table(*, reference: Gait, student: Gait, baseline: Gait, window: int) ->
 
     baseline, student, teacher_floor: mean squared error against the reference in m^2. student_episodes,
     baseline_episodes: episodes without a fall, of student_total and baseline_total. reduction_percent:
-    100 (1 - student / baseline); in the average row the mean of the five channels' reductions, as in the paper's table,
-    while reduction_of_average_percent is the reduction of the averaged error, which the channels with the largest errors
-    rule. A walker upright in fewer than half of its episodes has no error, and note says "not comparable".
+    100 (1 - student / baseline); in the average row the mean of the five channels' reductions, as in the paper's
+    table, while reduction_of_average_percent is the reduction of the averaged error, where the channels of largest
+    error rule. A walker upright in fewer than half of its episodes has no error, and note says "not comparable".
     """
     teacher = reference.upright_episodes
     note = "; ".join(filter(None, (_objection("student", student), _objection("baseline", baseline)))) or "ok"
@@ -155,7 +155,7 @@ def _mean_error(name: str, gait: Gait, teacher: list[Floats], window: int, *, ra
     windows = last_windows(gait.upright_episodes, window)
     if not len(windows):
         raise ValueError(f"the episodes of the {name} are shorter than the window of {window} steps")
-    return align(windows, teacher, raw=raw).mse.mean(axis=0)
+    return np.asarray(align(windows, teacher, raw=raw).mse.mean(axis=0))
 
 
 def _reduction(student: Floats, baseline: Floats) -> Floats:
