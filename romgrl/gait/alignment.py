@@ -108,10 +108,10 @@ def mse_table(*, reference: Gait, student: Gait, baseline: Gait, window: int) ->
         }
         reduction = _reduction(errors["student"], errors["baseline"])
         for index, channel in enumerate(CHANNELS):
-            values = {name: error[index] for name, error in errors.items()}
+            values = {name: float(error[index]) for name, error in errors.items()}
             rows.append((channel, alignment, values, reduction[index], reduction[index]))
-        values = {name: error.mean() for name, error in errors.items()}
-        pooled = _reduction(values["student"], values["baseline"])
+        values = {name: float(error.mean()) for name, error in errors.items()}
+        pooled = float(_reduction(errors["student"].mean(), errors["baseline"].mean()))
         rows.append(("average", alignment, values, reduction.mean(), pooled))
     return pd.DataFrame(
         {

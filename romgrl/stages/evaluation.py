@@ -1,0 +1,151 @@
+"""Evaluation: deterministic rollouts of student and baseline, scored against the reference (paper section 4.2)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from romgrl.algorithms.sac import load_policy
+from romgrl.artifacts import load_arrays, save_arrays
+from romgrl.config import Config
+from romgrl.errors import ArtifactError, ConfigurationError
+from romgrl.gait.alignment import aligned_phase_lag, mse_table
+from romgrl.gait.features import Gait, gait_from_reference, gait_from_rollouts, until_first_fall
+from romgrl.gait.metrics import describe
+from romgrl.humanoid.replay import replay
+from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
+from romgrl.progress import StageLog
+from romgrl.stages.student import make_env
+
+WALKERS = ("student", "baseline")
+SEED_OFFSET = 30_000  # resets that no training has drawn
+Policy = Callable[[NDArray[np.float32]], NDArray[np.float32]]
+
+
+def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog) -> None:
+    """Write rollouts.npz, mse.csv and gait.csv. Both walkers start from the same states."""
+    evaluation = config.evaluation
+    if evaluation.steps < evaluation.window:
+        raise ConfigurationError(
+            f"evaluation.window {evaluation.window} is longer than evaluation.steps {evaluation.steps}"
+        )
+    path = inputs["reference"] / "reference.npz"
+    reference = load_arrays(path)
+    env = make_env(config, num_envs=evaluation.episodes)
+    check_reference_fits(path, reference, env.control_step)
+    total = len(WALKERS) * evaluation.steps
+    rollouts: dict[str, Any] = {"dt": env.control_step}
+    for index, name in enumerate(WALKERS):
+        done = index * evaluation.steps
+        arrays = roll_out(
+            env,
+            load_policy(inputs[name] / "policy.safetensors"),
+            steps=evaluation.steps,
+            seed=config.seed + SEED_OFFSET,
+            progress=partial(_progress, log, done, total),
+        )
+        rollouts |= {f"{name}_{key}": value for key, value in arrays.items()}
+    env.close()
+    save_arrays(output / "rollouts.npz", rollouts)
+    gaits = {"teacher": gait_from_reference(reference), **{n: gait_from_rollouts(rollouts, n) for n in WALKERS}}
+    speeds = {"teacher": float(reference["speed"]), **dict.fromkeys(WALKERS, config.speed)}
+    errors = error_table(gaits, evaluation.window, path)
+    table = gait_table(gaits, speeds, mass=env.dimensions.mass, window=evaluation.window)
+    errors.to_csv(output / "mse.csv", index=False)
+    table.to_csv(output / "gait.csv", index=False)
+    report(errors, table, log)
+
+
+def check_reference_fits(path: Path, reference: Mapping[str, NDArray[Any]], control_step: float) -> None:
+    """ArtifactError where the reference lacks an array or has another time step than the humanoid."""
+    missing = {"features", "episode", "dt", "speed"} - set(reference)
+    if missing:
+        raise ArtifactError(f"{path}: no array {', '.join(sorted(missing))}")
+    if abs(float(reference["dt"]) / control_step - 1.0) > 1e-4:
+        raise ArtifactError(f"{path}: time step {float(reference['dt']):.6g} s, the humanoid's is {control_step:.6g} s")
+
+
+def roll_out(
+    env: PlanarHumanoidVectorEnv, policy: Policy, *, steps: int, seed: int, progress: Callable[[int], None]
+) -> dict[str, NDArray[Any]]:
+    """One episode of `steps` steps in each of the E environments; a walker is not upright from its first fall on.
+
+    features (E, T, 5) m, velocity (E, T) m/s, upright (E, T), trunk_lean (E, T) rad, power (E, T) W, contact (E, T, 2),
+    states (T', 48): qpos and qvel of one episode up to its fall, of the first without a fall where there is one.
+    """
+    env.episode_steps = steps + 1  # no episode is cut off before the last step
+    size = (env.num_envs, steps)
+    features, velocity = np.zeros((*size, 5), np.float32), np.zeros(size, np.float32)
+    upright, trunk_lean = np.zeros(size, np.bool_), np.zeros(size, np.float32)
+    states, actions = np.zeros((*size, env.states().shape[1])), np.zeros((*size, env.model.nu))
+    observation, _ = env.reset(seed=seed)
+    for step in range(steps):
+        states[:, step] = env.states()
+        actions[:, step] = policy(observation)
+        observation, _, terminated, _, info = env.step(actions[:, step].astype(np.float32))
+        features[:, step], velocity[:, step] = info["features"], info["forward_velocity"]
+        upright[:, step], trunk_lean[:, step] = ~terminated, info["trunk_lean"]
+        progress(step + 1)
+    upright = until_first_fall(upright)
+    power, contact = np.zeros(size), np.zeros((*size, 2), np.bool_)
+    for episode, lasted in enumerate(upright.sum(axis=1)):
+        steps_taken = slice(0, int(lasted))
+        power[episode, steps_taken], contact[episode, steps_taken] = replay(
+            env.model, states[episode, steps_taken], actions[episode, steps_taken], env.substeps
+        )
+    longest = int(upright.sum(axis=1).argmax())  # the first of the longest
+    return {
+        "features": features,
+        "velocity": velocity,
+        "upright": upright,
+        "trunk_lean": trunk_lean,
+        "power": power,
+        "contact": contact,
+        "states": states[longest, : max(1, int(upright[longest].sum()))],
+    }
+
+
+def error_table(gaits: Mapping[str, Gait], window: int, path: Path) -> pd.DataFrame:
+    """mse.csv; a reference without a single window is an ArtifactError."""
+    teacher = gaits["teacher"]
+    if int(teacher.valid.sum(axis=1).max()) < window:
+        raise ArtifactError(f"{path}: no episode has evaluation.window = {window} steps")
+    return mse_table(reference=teacher, student=gaits["student"], baseline=gaits["baseline"], window=window)
+
+
+def gait_table(gaits: Mapping[str, Gait], speeds: Mapping[str, float], *, mass: float, window: int) -> pd.DataFrame:
+    """gait.csv: one row per walker, phase lag included."""
+    rows = []
+    for name, gait in gaits.items():
+        seconds, strides = aligned_phase_lag(gait, gaits["teacher"], window)
+        row = describe(gait, target_speed=speeds[name], mass=mass)
+        rows.append({"walker": name, **row, "phase_lag_s": seconds, "phase_lag_strides": strides})
+    return pd.DataFrame(rows)
+
+
+def _progress(log: StageLog, done: int, total: int, step: int) -> None:
+    log.progress(done + step, total)
+
+
+def report(errors: pd.DataFrame, table: pd.DataFrame, log: StageLog) -> None:
+    """One line per walker and one for the error."""
+    rows = table.set_index("walker")
+    for name in WALKERS:
+        row = rows.loc[name]
+        log.message(
+            f"{name}: {row.episodes - row.falls:.0f} of {row.episodes:.0f} episodes upright, "
+            f"{row.steady_speed_m_per_s:.2f} m/s, {row.stride_frequency_hz:.2f} strides/s, "
+            f"trunk lean {row.trunk_lean_deg:.0f} degrees"
+        )
+    average = errors[errors.channel == "average"].set_index("alignment")
+    if errors.note.iloc[0] == "ok":
+        percent = average.reduction_percent
+        log.message(f"error against the teacher reduced by {percent.aligned:.1f} % (no shift: {percent.raw:.1f} %)")
+    else:
+        log.message(f"error against the teacher: {errors.note.iloc[0]}")
