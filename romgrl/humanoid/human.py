@@ -78,7 +78,9 @@ def _offsets(height: float) -> dict[str, list[float]]:
     }
     sides = {"L": 1, "R": -1}
     return {name: list(offset) for name, offset in central.items()} | {
-        f"{side}_{name}": [sign * offset[0], *offset[1:]] for name, offset in left.items() for side, sign in sides.items()
+        f"{side}_{name}": [sign * offset[0], *offset[1:]]
+        for name, offset in left.items()
+        for side, sign in sides.items()
     }
 
 
@@ -149,7 +151,12 @@ def _add_geoms(body: mujoco.MjsBody, height: float) -> None:
     rgba = LEFT_RGBA if body.name.startswith("L_") else RIGHT_RGBA if body.name.startswith("R_") else TORSO_RGBA
     look = {"rgba": rgba, "mass": 0.0, "contype": 0, "conaffinity": 0}
     foot, ankle = DE_LEVA["foot"].length * scale, ANKLE_HEIGHT * height
-    limbs = {"Hip": ("thigh", 0.065), "Knee": ("shank", 0.047), "Shoulder": ("upper_arm", 0.042), "Elbow": ("forearm", 0.034)}
+    limbs = {
+        "Hip": ("thigh", 0.065),
+        "Knee": ("shank", 0.047),
+        "Shoulder": ("upper_arm", 0.042),
+        "Elbow": ("forearm", 0.034),
+    }
     if limb in limbs:
         segment, radius = limbs[limb]
         end = [0, -DE_LEVA[segment].length * scale, 0]
@@ -161,7 +168,10 @@ def _add_geoms(body: mujoco.MjsBody, height: float) -> None:
         centre, size = _box(limb, height)
         body.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, pos=centre, size=[edge / 2 for edge in size], **look)
     soles = {
-        "Ankle": (("heel", -ankle + SOLE_RADIUS, HEEL * foot + SOLE_RADIUS), ("ball", -ankle + SOLE_RADIUS, BALL * foot)),
+        "Ankle": (
+            ("heel", -ankle + SOLE_RADIUS, HEEL * foot + SOLE_RADIUS),
+            ("ball", -ankle + SOLE_RADIUS, BALL * foot),
+        ),
         "Toe": (("tip", 0, (1 + HEEL - BALL) * foot - SOLE_RADIUS),),
         "Knee": (("knee", 0, 0.03),),
     }

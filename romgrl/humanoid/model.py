@@ -67,8 +67,15 @@ def build(
     joints = [model.joint(index).name for index in range(model.njnt)]
     actuators = [model.actuator(index).name for index in range(model.nu)]
     if joints != [*ROOT_JOINTS, *HINGES] or actuators != [*HINGES]:
-        raise ConfigurationError("humanoid.xml: the bodies, joints and actuators are not in the order of SMPL's 24 bodies")
+        raise ConfigurationError("humanoid.xml: bodies, joints and actuators must be in the order of SMPL's 24 bodies")
     return model
+
+
+def silence_warnings() -> None:
+    """Keep MuJoCo from logging a diverged simulation (MUJOCO_LOG.TXT, console): environments count it."""
+    config = mujoco.MjLogConfig.get()
+    config.logto_file = config.logto_console = False
+    mujoco.MjLogConfig.set(config)
 
 
 def _load(path: Path) -> mujoco.MjSpec:

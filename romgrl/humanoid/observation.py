@@ -15,7 +15,9 @@ from numpy.typing import NDArray
 from romgrl.humanoid.skeleton import BODIES
 
 NUM_BODIES = len(BODIES)
-OBSERVATION_SIZE = 358
+NUM_VECTORS = 119
+"""Three-vectors of an observation: 23 positions, 48 axes, 24 linear and 24 angular velocities."""
+OBSERVATION_SIZE = 1 + 3 * NUM_VECTORS
 _PLANE_SAMPLES = 64
 _CONSTANT = 1e-9
 
@@ -24,9 +26,10 @@ def observe(model: mujoco.MjModel, data: mujoco.MjData) -> NDArray[np.float64]:
     """The observation (358,) of `data` after a forward pass, on the full and on the planar model."""
     first = model.body("Pelvis").id
     bodies = slice(first, first + NUM_BODIES)
-    return assemble(
+    batch = assemble(
         data.xpos[None, bodies], data.xmat[None, bodies], data.cvel[None, bodies], data.subtree_com[None, first]
-    )[0]
+    )
+    return batch.reshape(OBSERVATION_SIZE)
 
 
 def assemble(
@@ -45,30 +48,41 @@ def assemble(
     """
     count = len(position)
     axes = rotation.reshape(count, NUM_BODIES, 3, 3)[..., (0, 2)].swapaxes(2, 3)
-    angular = velocity[..., :3]
-    linear = velocity[..., 3:] + np.cross(angular, position - centre[:, None])
-    # The pelvis z axis faces forward when standing (SMPL base rotation), so it gives the heading.
-    cosine, sine = axes[:, 0, 1, 0], axes[:, 0, 1, 1]
-    norm = np.hypot(cosine, sine)
-    upright = norm > 0
-    cosine = np.where(upright, cosine, 1.0) / np.where(upright, norm, 1.0)
-    sine = sine / np.where(upright, norm, 1.0)
+    vectors = np.empty((count, NUM_VECTORS, 3))
+    vectors[:, :23] = position[:, 1:] - position[:, :1]
+    vectors[:, 23:71] = axes.reshape(count, -1, 3)
+    vectors[:, 71:95] = _velocity_of_origins(position, velocity, centre)
+    vectors[:, 95:] = velocity[..., :3]
+    cosine, sine = _heading(axes[:, 0, 1])
     observation = np.empty((count, OBSERVATION_SIZE))
     observation[:, 0] = position[:, 0, 2]
-    for vectors, start in (
-        (position[:, 1:] - position[:, :1], 1),
-        (axes, 70),
-        (linear, 214),
-        (angular, 286),
-    ):
-        flat = vectors.reshape(count, -1, 3)
-        block = observation[:, start : start + 3 * flat.shape[1]].reshape(count, -1, 3)
-        x, y = flat[..., 0], flat[..., 1]
-        block[..., 0] = cosine[:, None] * x + sine[:, None] * y
-        block[..., 1] = cosine[:, None] * y - sine[:, None] * x
-        block[..., 2] = flat[..., 2]
-        observation[:, start : start + 3 * flat.shape[1]] = block.reshape(count, -1)
+    turned = observation[:, 1:].reshape(count, NUM_VECTORS, 3)  # a view
+    x, y = vectors[..., 0], vectors[..., 1]
+    turned[..., 0] = cosine * x + sine * y
+    turned[..., 1] = cosine * y - sine * x
+    turned[..., 2] = vectors[..., 2]
     return observation
+
+
+def _velocity_of_origins(
+    position: NDArray[np.float64], velocity: NDArray[np.float64], centre: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Linear velocity (N, 24, 3) of the body origins: v + omega x (p - c)."""
+    wx, wy, wz = (velocity[..., axis] for axis in range(3))
+    rx, ry, rz = (position[..., axis] - centre[:, None, axis] for axis in range(3))
+    linear = velocity[..., 3:].copy()
+    linear[..., 0] += wy * rz - wz * ry
+    linear[..., 1] += wz * rx - wx * rz
+    linear[..., 2] += wx * ry - wy * rx
+    return linear
+
+
+def _heading(facing: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Cosine and sine (N, 1) of the heading, from the z axis (N, 3) of the pelvis, forward when standing."""
+    norm = np.hypot(facing[:, 0], facing[:, 1])
+    safe = np.where(norm > 0, norm, 1.0)
+    cosine = np.where(norm > 0, facing[:, 0] / safe, 1.0)
+    return cosine[:, None], (facing[:, 1] / safe)[:, None]
 
 
 def varying_columns(model: mujoco.MjModel) -> NDArray[np.int64]:

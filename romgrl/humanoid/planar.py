@@ -10,7 +10,10 @@ from romgrl.errors import ConfigurationError
 from romgrl.humanoid.skeleton import BASE_QUATERNION, BODIES, HINGES, ROOT_JOINTS
 
 _HALF = float(np.sqrt(0.5))
-HANGING: dict[str, tuple[float, float, float, float]] = {"L_Shoulder": (_HALF, 0, 0, -_HALF), "R_Shoulder": (_HALF, 0, 0, _HALF)}
+HANGING: dict[str, tuple[float, float, float, float]] = {
+    "L_Shoulder": (_HALF, 0, 0, -_HALF),
+    "R_Shoulder": (_HALF, 0, 0, _HALF),
+}
 """Quarter turns about the forward axis that bring the arms of SMPL's T-pose down."""
 
 

@@ -33,9 +33,9 @@ class ResetBank:
         return self.qpos[rows], self.qvel[rows]
 
 
-def build_bank(model: mujoco.MjModel, generator: np.random.Generator, size: int = BANK_SIZE) -> ResetBank:
-    """Poses within the joint ranges, each lowered until its lowest point touches the ground, and their mirror images."""
-    half = size // 2
+def build_bank(model: mujoco.MjModel, size: int = BANK_SIZE) -> ResetBank:
+    """The same poses every time: within the joint ranges, each touching the ground, and their mirror images."""
+    generator, half = np.random.default_rng(0), size // 2
     column = {name: 3 + index for index, name in enumerate(HINGES)}
     qpos = np.zeros((half, model.nq))
     qpos[:, 3:] = generator.normal(0.0, POSE_NOISE, (half, model.nq - 3))

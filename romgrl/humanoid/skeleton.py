@@ -17,7 +17,13 @@ BASE_QUATERNION: Final = (0.5, 0.5, 0.5, 0.5)
 
 _LEG: Final = (("Hip", "Pelvis"), ("Knee", "Hip"), ("Ankle", "Knee"), ("Toe", "Ankle"))
 _TRUNK: Final = (("Torso", "Pelvis"), ("Spine", "Torso"), ("Chest", "Spine"), ("Neck", "Chest"), ("Head", "Neck"))
-_ARM: Final = (("Thorax", "Chest"), ("Shoulder", "Thorax"), ("Elbow", "Shoulder"), ("Wrist", "Elbow"), ("Hand", "Wrist"))
+_ARM: Final = (
+    ("Thorax", "Chest"),
+    ("Shoulder", "Thorax"),
+    ("Elbow", "Shoulder"),
+    ("Wrist", "Elbow"),
+    ("Hand", "Wrist"),
+)
 
 
 def _side(side: str, chain: tuple[tuple[str, str], ...]) -> dict[str, str]:

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
+import mujoco
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from romgrl.humanoid.model import dimensions
 from romgrl.humanoid.skeleton import BODIES
 
 Array = NDArray[np.float64]
@@ -15,12 +18,17 @@ Flags = NDArray[np.bool_]
 PELVIS, HEAD, NECK = (BODIES.index(name) for name in ("Pelvis", "Head", "Neck"))
 ANKLES = tuple(BODIES.index(name) for name in ("L_Ankle", "R_Ankle"))
 
+EPISODE_STEPS = 300
+RESET_SPEED = (0.0, 1.0)
+FALL_PELVIS_HEIGHT, FALL_HEAD_HEIGHT, FALL_TRUNK_LEAN = 0.65, 0.62, 0.8
+"""Defaults of the environments."""
+
 VELOCITY_LIMIT = 200.0
 """A joint speed (rad/s or m/s) that no body reaches: the simulation has diverged."""
 
 
 def speed_reward(forward_velocity: Array, *, speed: float, alpha: float) -> Array:
-    """exp(-alpha |v - speed|) (N,), paper equation for the task reward."""
+    """exp(-alpha |v - speed|) (N,), the paper's task reward."""
     return np.exp(-alpha * np.abs(forward_velocity - speed))
 
 
@@ -29,7 +37,8 @@ def gait_features(position: Array) -> Array:
     features = np.empty((len(position), 5))
     features[:, 0] = position[:, PELVIS, 2]
     for column, ankle in zip((1, 3), ANKLES, strict=True):
-        features[:, column : column + 2] = (position[:, ankle] - position[:, PELVIS])[:, (0, 2)]
+        features[:, column] = position[:, ankle, 0] - position[:, PELVIS, 0]
+        features[:, column + 1] = position[:, ankle, 2] - position[:, PELVIS, 2]
     return features
 
 
@@ -46,24 +55,104 @@ def fallen(position: Array, *, pelvis_height: float, head_height: float, lean: f
 
 
 def diverged(qpos: Array, qvel: Array, warnings: NDArray[np.int32]) -> Flags:
-    """Numbers that are not finite, speeds that no body reaches, or physics warnings (N, kinds), (N,)."""
-    finite = np.isfinite(qpos).all(axis=1) & np.isfinite(qvel).all(axis=1)
-    return ~finite | (np.abs(qvel) > VELOCITY_LIMIT).any(axis=1) | (warnings > 0).any(axis=1)
+    """Numbers that are not finite, speeds that no body reaches, or physics warnings (N, kinds), (N,).
+
+    MuJoCo puts a simulation whose numbers are bad back to its default state, so the warning is what tells.
+    """
+    finite = np.isfinite(qpos).all(axis=1)
+    possible = (np.abs(qvel) <= VELOCITY_LIMIT).all(axis=1)  # false for NaN
+    warned: Flags = np.any(warnings > 0, axis=1)
+    return ~(finite & possible) | warned
 
 
-def substeps(timestep: float, control_frequency: float) -> int:
-    """Physics steps of `timestep` s in one control step; ValueError unless a whole number."""
-    count = 1.0 / (control_frequency * timestep)
-    if round(count) < 1 or abs(count - round(count)) > 1e-6:
-        raise ValueError(f"control_frequency {control_frequency} is not a whole number of timesteps of {timestep} s")
-    return round(count)
+@dataclass(frozen=True)
+class SpeedTask:
+    """Running at a speed: the numbers of the task for one model, in SI units."""
+
+    speed: float
+    alpha: float
+    episode_steps: int
+    reset_speed: tuple[float, float]
+    """Range of the forward speed at reset, m/s."""
+    pelvis_height: float
+    head_height: float
+    lean: float
+    """Limits of `fallen`."""
+    substeps: int
+    control_step: float
+    """Duration of a control step, s."""
+
+    @classmethod
+    def of(
+        cls,
+        model: mujoco.MjModel,
+        *,
+        speed: float,
+        alpha: float,
+        episode_steps: int,
+        reset_speed: Sequence[float],
+        fall_pelvis_height: float,
+        fall_head_height: float,
+        fall_trunk_lean: float,
+        control_frequency: float,
+    ) -> SpeedTask:
+        """Heights from shares of the model's own; ValueError for arguments out of range."""
+        if len(reset_speed) != 2 or not 0 <= reset_speed[0] <= reset_speed[1] < np.inf:
+            raise ValueError(f"reset_speed must be a range of shares of the speed, not {reset_speed}")
+        _check_at_least_zero(speed=speed, fall_pelvis_height=fall_pelvis_height, fall_head_height=fall_head_height)
+        _check_positive(alpha=alpha, fall_trunk_lean=fall_trunk_lean, control_frequency=control_frequency)
+        check_counts(episode_steps=episode_steps)
+        size, timestep = dimensions(model), model.opt.timestep
+        substeps = round(1.0 / (control_frequency * timestep))
+        if substeps < 1 or abs(substeps * timestep * control_frequency - 1.0) > 1e-6:
+            raise ValueError(f"control_frequency {control_frequency} is not a whole number of {timestep} s steps")
+        return cls(
+            speed=speed,
+            alpha=alpha,
+            episode_steps=episode_steps,
+            reset_speed=(reset_speed[0] * speed, reset_speed[1] * speed),
+            pelvis_height=fall_pelvis_height * size.pelvis_height,
+            head_height=fall_head_height * size.head_height,
+            lean=fall_trunk_lean,
+            substeps=substeps,
+            control_step=substeps * timestep,
+        )
+
+    def reward(self, forward_velocity: Array) -> Array:
+        """`speed_reward` at this speed, (N,)."""
+        return speed_reward(forward_velocity, speed=self.speed, alpha=self.alpha)
+
+    def fallen(self, position: Array) -> Flags:
+        """`fallen` with this task's limits, (N,), from (N, 24, 3)."""
+        return fallen(position, pelvis_height=self.pelvis_height, head_height=self.head_height, lean=self.lean)
+
+    def draw_speed(self, generator: np.random.Generator, count: int) -> Array:
+        """Forward speeds at reset (count,), m/s."""
+        return generator.uniform(*self.reset_speed, size=count)
 
 
-def check_arguments(*, reset_speed: Sequence[float], **positive: float) -> None:
-    """ValueError for arguments of the environments that are out of range."""
-    if len(reset_speed) != 2 or not 0 <= reset_speed[0] <= reset_speed[1]:
-        raise ValueError(f"reset_speed must be a range of shares of the speed, not {reset_speed}")
-    for name, value in positive.items():
-        allowed = value >= 0 if name == "speed" else value > 0
-        if not (np.isfinite(value) and allowed):
-            raise ValueError(f"{name} must be {'at least 0' if name == 'speed' else 'positive'}, not {value}")
+def check_actions(actions: ArrayLike, shape: tuple[int, ...]) -> None:
+    """ValueError unless the actions are finite numbers of that shape."""
+    if np.shape(actions) != shape:
+        raise ValueError(f"actions must have shape {shape}, not {np.shape(actions)}")
+    if not np.isfinite(actions).all():
+        raise ValueError("actions must be finite")
+
+
+def check_counts(**counts: int) -> None:
+    """ValueError unless every count is at least 1."""
+    for name, value in counts.items():
+        if value < 1:
+            raise ValueError(f"{name} must be at least 1, not {value}")
+
+
+def _check_positive(**numbers: float) -> None:
+    for name, value in numbers.items():
+        if not (np.isfinite(value) and value > 0):
+            raise ValueError(f"{name} must be positive, not {value}")
+
+
+def _check_at_least_zero(**numbers: float) -> None:
+    for name, value in numbers.items():
+        if not (np.isfinite(value) and value >= 0):
+            raise ValueError(f"{name} must be at least 0, not {value}")
