@@ -8,51 +8,68 @@ from pathlib import Path
 
 from rich.table import Table
 
+Rows = list[dict[str, str]]
+ALIGNMENTS = ("aligned", "raw")
+SHOWN = ("baseline", "student", "reduction_percent")
+
 
 def result_tables(evaluation: Path) -> list[Table]:
     """Tables of the error per channel and of the gaits; none where the evaluation has no such file."""
-    found = (csv_table(evaluation / name, title) for name, title in (("mse.csv", "Error (m^2)"), ("gait.csv", "Gait")))
-    return [table for table in found if table is not None]
+    errors, gaits = read_rows(evaluation / "mse.csv"), read_rows(evaluation / "gait.csv")
+    return ([error_table(errors)] if errors else []) + ([gait_table(gaits)] if gaits else [])
 
 
 def result_metrics(evaluation: Path) -> dict[str, float]:
-    """Every finite number of both files, named after the text in its row and its column: student/mean_speed_m_per_s."""
+    """Every finite number of both files: pelvis_y/aligned/student, student/mean_speed_m_per_s and so on."""
     metrics: dict[str, float] = {}
-    for path in (evaluation / "mse.csv", evaluation / "gait.csv"):
-        for row in csv.DictReader(path.read_text().splitlines()) if path.is_file() else ():
-            numbers = {column: number(cell) for column, cell in row.items()}
-            name = "/".join(cell for column, cell in row.items() if numbers[column] is None and cell)
-            metrics |= {f"{name}/{column}": value for column, value in numbers.items() if value is not None}
+    for name, names in (("mse.csv", ("channel", "alignment")), ("gait.csv", ("walker",))):
+        for row in read_rows(evaluation / name):
+            prefix = "/".join(row[column] for column in names)
+            metrics |= {f"{prefix}/{column}": number(cell) for column, cell in row.items() if column not in names}
     return {name: value for name, value in metrics.items() if math.isfinite(value)}
 
 
-def csv_table(path: Path, title: str) -> Table | None:
-    """A CSV file as a table, numbers to three digits; turned on its side when it is wider than long."""
-    if not path.is_file():
-        return None
-    with path.open(newline="") as file:
-        rows = [[short(cell) for cell in row] for row in csv.reader(file)]
-    if not rows:
-        return None
-    if len(rows[0]) > len(rows):
-        rows = [list(column) for column in zip(*rows, strict=True)]
-    table = Table(title=title, title_justify="left")
-    for index, name in enumerate(rows[0]):
-        table.add_column(name, justify="left" if index == 0 else "right")
-    for row in rows[1:]:
-        table.add_row(*row)
+def read_rows(path: Path) -> Rows:
+    """The rows of a CSV file, none if there is no file."""
+    return list(csv.DictReader(path.read_text().splitlines())) if path.is_file() else []
+
+
+def error_table(rows: Rows) -> Table:
+    """One row per channel: baseline, student and reduction, aligned and raw; notes below."""
+    notes = dict.fromkeys(row["note"] for row in rows if row.get("note"))
+    table = Table(title="Error against the reference (m^2)", title_justify="left", caption="\n".join(notes) or None)
+    table.add_column("channel")
+    for alignment in ALIGNMENTS:
+        for column in SHOWN:
+            table.add_column(f"{alignment}\n{column.replace('reduction_percent', 'reduction %')}", justify="right")
+    cells = {(row["channel"], row["alignment"]): [short(row[column]) for column in SHOWN] for row in rows}
+    for channel in dict.fromkeys(row["channel"] for row in rows):
+        found = [cells.get((channel, alignment), [""] * len(SHOWN)) for alignment in ALIGNMENTS]
+        table.add_row(channel, *found[0], *found[1])
     return table
 
 
-def short(cell: str) -> str:
-    """A number to three significant digits; other text as it is."""
-    value = number(cell)
-    return cell if value is None else f"{value:.3g}"
+def gait_table(rows: Rows) -> Table:
+    """One column per walker, one row per number."""
+    table = Table(title="Gait", title_justify="left")
+    table.add_column("")
+    for row in rows:
+        table.add_column(row["walker"], justify="right")
+    for column in rows[0]:
+        if column != "walker":
+            table.add_row(column, *(short(row[column]) for row in rows))
+    return table
 
 
-def number(cell: str) -> float | None:
-    """The number in a cell, None for text."""
+def number(cell: str) -> float:
+    """The number in a cell; nan for text and for nothing."""
     try:
         return float(cell)
     except ValueError:
-        return None
+        return math.nan
+
+
+def short(cell: str) -> str:
+    """A number to three significant digits; a dash for none."""
+    value = number(cell)
+    return f"{value:.3g}" if math.isfinite(value) else cell or "-"

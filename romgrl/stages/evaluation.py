@@ -37,7 +37,7 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
         )
     path = inputs["reference"] / "reference.npz"
     reference = load_arrays(path)
-    env = make_env(config, num_envs=evaluation.episodes)
+    env = make_env(config, num_envs=evaluation.episodes, episode_steps=evaluation.steps + 1)
     check_reference_fits(path, reference, env.control_step)
     total = len(WALKERS) * evaluation.steps
     rollouts: dict[str, Any] = {"dt": env.control_step}
@@ -79,7 +79,6 @@ def roll_out(
     features (E, T, 5) m, velocity (E, T) m/s, upright (E, T), trunk_lean (E, T) rad, power (E, T) W, contact (E, T, 2),
     states (T', 48): qpos and qvel of one episode up to its fall, of the first without a fall where there is one.
     """
-    env.episode_steps = steps + 1  # no episode is cut off before the last step
     size = (env.num_envs, steps)
     features, velocity = np.zeros((*size, 5), np.float32), np.zeros(size, np.float32)
     upright, trunk_lean = np.zeros(size, np.bool_), np.zeros(size, np.float32)

@@ -52,8 +52,8 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
         save()
 
 
-def make_env(config: Config, num_envs: int) -> PlanarHumanoidVectorEnv:
-    """The humanoid of the configuration, `num_envs` times."""
+def make_env(config: Config, num_envs: int, *, episode_steps: int | None = None) -> PlanarHumanoidVectorEnv:
+    """The humanoid of the configuration, `num_envs` times; episode_steps: None for the configuration's."""
     humanoid = config.humanoid
     model = humanoid_model.build(
         xml=humanoid.xml,
@@ -68,7 +68,7 @@ def make_env(config: Config, num_envs: int) -> PlanarHumanoidVectorEnv:
         num_envs=num_envs,
         speed=config.speed,
         alpha=config.student.alpha,
-        episode_steps=humanoid.episode_steps,
+        episode_steps=episode_steps or humanoid.episode_steps,
         reset_speed=tuple(humanoid.reset_speed),
         fall_pelvis_height=humanoid.fall_pelvis_height,
         fall_head_height=humanoid.fall_head_height,
