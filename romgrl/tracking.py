@@ -8,6 +8,7 @@ from __future__ import annotations
 import logging
 import os
 import queue
+import re
 import shlex
 import shutil
 import sqlite3
@@ -34,6 +35,7 @@ CLOSE_SECONDS = 20.0
 METRICS_PER_BATCH = 1000  # MLflow's own limits of one request
 PARAMS_PER_BATCH = 100
 PARAM_LENGTH = 6000
+NOT_IN_NAMES = re.compile(r"[^\w\-. :/]")
 PARENT_TAG = "mlflow.parentRunId"
 FAILURES = (MlflowException, SQLAlchemyError, sqlite3.Error, OSError)
 
@@ -159,7 +161,7 @@ class TrackedRun:
         now = int(time.time() * 1000)
         if self.run_id is not None:
             for name, value in values.items():
-                self._queue.put(Metric(name, value, now, step))
+                self._queue.put(Metric(NOT_IN_NAMES.sub("_", name), value, now, step))
 
     def artifacts(self, directory: Path) -> None:
         """Copy every file of a directory to the run."""

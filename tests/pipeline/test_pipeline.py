@@ -52,7 +52,7 @@ def test_all_stages_run_once_and_are_described(quiet: Config) -> None:
     assert set(evaluation.inputs) == {"reference", "student", "baseline"}
     assert evaluation.inputs["student"] == open_artifact(finished["student"]).digest
     assert evaluation.config["evaluation.episodes"] == quiet.evaluation.episodes
-    assert "Error (m^2)" in text
+    assert "Error against the reference (m^2)" in text
 
 
 @pytest.mark.usefixtures("fakes")

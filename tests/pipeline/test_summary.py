@@ -1,0 +1,41 @@
+"""The tables that end a run."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+
+from rich.console import Console
+
+from romgrl.summary import result_metrics, result_tables
+
+MSE = """channel,alignment,baseline,student,reduction_percent,note
+pelvis_y,aligned,0.01407,0.00408,71.0,
+average,aligned,0.1,0.05,50.0,
+pelvis_y,raw,,,,"not comparable: fell"
+average,raw,0.2,,,"not comparable: fell"
+"""
+GAIT = "walker,falls,mean_speed_m_per_s\nteacher,0,4.01\nstudent,1,3.9\nbaseline,2,\n"
+
+
+def test_tables_and_metrics(tmp_path: Path) -> None:
+    (tmp_path / "mse.csv").write_text(MSE)
+    (tmp_path / "gait.csv").write_text(GAIT)
+    console = Console(file=io.StringIO(), width=100)
+    for table in result_tables(tmp_path):
+        console.print(table)
+    lines = [[cell.strip() for cell in line.split("│")[1:-1]] for line in console.file.getvalue().splitlines()]
+    assert ["pelvis_y", "0.0141", "0.00408", "71", "-", "-", "-"] in lines
+    assert ["average", "0.1", "0.05", "50", "0.2", "-", "-"] in lines
+    assert ["mean_speed_m_per_s", "4.01", "3.9", "-"] in lines
+    assert console.file.getvalue().count("not comparable: fell") == 1
+    metrics = result_metrics(tmp_path)
+    assert metrics["pelvis_y/aligned/reduction_percent"] == 71
+    assert metrics["student/falls"] == 1
+    assert "baseline/mean_speed_m_per_s" not in metrics
+    assert len(metrics) == 7 + 5
+
+
+def test_nothing_to_show(tmp_path: Path) -> None:
+    assert result_tables(tmp_path) == []
+    assert result_metrics(tmp_path) == {}
