@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from romgrl.gait.features import CHANNELS, Floats, Gait
 from romgrl.gait.metrics import phase_lag, stride_frequency
@@ -26,11 +27,15 @@ SMALLEST_VARIANCE = 1e-8  # m^2; a channel that does not move must not divide by
 
 @dataclass(frozen=True)
 class Alignment:
-    """Windows (E, W, 5) m, the reference windows (E, W, 5) they were laid over, the error (E, 5) m^2 of each pair."""
+    """Windows (E, W, 5) m, the reference windows (E, W, 5) they were laid over, the error (E, 5) m^2 of each pair.
+
+    starts (E, 2): episode and first step of each of those reference windows.
+    """
 
     windows: Floats
     matched: Floats
     mse: Floats
+    starts: NDArray[np.int64]
 
 
 def last_windows(episodes: list[Floats], window: int) -> Floats:
@@ -60,7 +65,9 @@ def align(windows: Floats, reference: list[Floats], *, raw: bool = False) -> Ali
         b = (candidates / np.sqrt(variance)).reshape(len(candidates), -1)
         best = ((b**2).sum(axis=1) - 2 * a @ b.T).argmin(axis=1)
     matched = candidates[best]
-    return Alignment(windows, matched, ((windows - matched) ** 2).mean(axis=1))
+    counts = [max(0, len(episode) - windows.shape[1] + 1) for episode in reference]
+    starts = np.array([(episode, step) for episode, count in enumerate(counts) for step in range(count)])
+    return Alignment(windows, matched, ((windows - matched) ** 2).mean(axis=1), starts[best])
 
 
 def floor(reference: list[Floats], window: int, *, raw: bool = False) -> Floats:
@@ -86,47 +93,27 @@ def mse_table(*, reference: Gait, student: Gait, baseline: Gait, window: int) ->
     """mse.csv: one row per channel and alignment, and their average.
 
     baseline, student, teacher_floor: mean squared error against the reference in m^2. student_episodes,
-    baseline_episodes: episodes without a fall, of student_total and baseline_total. reduction_percent:
-    100 (1 - student / baseline); in the average row the mean of the five channels' reductions, as in the paper's
-    table, while reduction_of_average_percent is the reduction of the averaged error, where the channels of largest
-    error rule. A walker upright in fewer than half of its episodes has no error, and note says "not comparable".
+    baseline_episodes: episodes without a fall, the ones that count. reduction_percent: 100 (1 - student / baseline); in
+    the average row the mean of the five channels' reductions, as in the paper's table, not the reduction of the mean
+    error. A walker upright in fewer than half of its episodes has no error, and note says "not comparable".
     """
     teacher = reference.upright_episodes
-    note = "; ".join(filter(None, (_objection("student", student), _objection("baseline", baseline)))) or "ok"
-    counts = {
-        f"{name}_{what}": number
-        for name, gait in (("student", student), ("baseline", baseline))
-        for what, number in (("episodes", int((~gait.fallen).sum())), ("total", len(gait.fallen)))
-    }
+    walkers = {"baseline": baseline, "student": student}
     rows = []
     for alignment in ALIGNMENTS:
         raw = alignment == "raw"
-        errors = {
-            "baseline": _mean_error("baseline", baseline, teacher, window, raw=raw),
-            "student": _mean_error("student", student, teacher, window, raw=raw),
-            "teacher_floor": floor(teacher, window, raw=raw),
-        }
-        reduction = _reduction(errors["student"], errors["baseline"])
-        for index, channel in enumerate(CHANNELS):
-            values = {name: float(error[index]) for name, error in errors.items()}
-            rows.append((channel, alignment, values, reduction[index], reduction[index]))
-        values = {name: float(error.mean()) for name, error in errors.items()}
-        pooled = float(_reduction(errors["student"].mean(), errors["baseline"].mean()))
-        rows.append(("average", alignment, values, reduction.mean(), pooled))
-    return pd.DataFrame(
-        {
-            "channel": channel,
-            "alignment": alignment,
-            "baseline": values["baseline"],
-            "student": values["student"],
-            "reduction_percent": reduction_percent,
-            "reduction_of_average_percent": pooled,
-            "teacher_floor": values["teacher_floor"],
-            **counts,
-            "note": note,
-        }
-        for channel, alignment, values, reduction_percent, pooled in rows
-    )
+        errors = {name: _mean_error(name, gait, teacher, window, raw=raw) for name, gait in walkers.items()}
+        reduction = 100.0 * (1.0 - errors["student"] / np.where(errors["baseline"] > 0, errors["baseline"], np.nan))
+        values = {**errors, "reduction_percent": reduction, "teacher_floor": floor(teacher, window, raw=raw)}
+        for index, channel in enumerate((*CHANNELS, "average")):
+            numbers = {key: float(v.mean() if channel == "average" else v[index]) for key, v in values.items()}
+            rows.append({"channel": channel, "alignment": alignment, **numbers})
+    table = pd.DataFrame(rows)
+    for name in ("student", "baseline"):
+        table[f"{name}_episodes"] = int((~walkers[name].fallen).sum())
+    objections = (_objection(name, gait) for name, gait in walkers.items())
+    table["note"] = "; ".join(filter(None, objections)) or "ok"
+    return table
 
 
 def aligned_phase_lag(gait: Gait, reference: Gait, window: int) -> tuple[float, float]:
@@ -156,12 +143,6 @@ def _mean_error(name: str, gait: Gait, teacher: list[Floats], window: int, *, ra
     if not len(windows):
         raise ValueError(f"the episodes of the {name} are shorter than the window of {window} steps")
     return np.asarray(align(windows, teacher, raw=raw).mse.mean(axis=0))
-
-
-def _reduction(student: Floats, baseline: Floats) -> Floats:
-    """100 (1 - student / baseline); nan where the baseline has no error to reduce."""
-    student, baseline = np.asarray(student, float), np.asarray(baseline, float)
-    return np.asarray(100.0 * (1.0 - student / np.where(baseline > 0, baseline, np.nan)))
 
 
 def _split(episode: Floats, window: int) -> Floats:

@@ -67,10 +67,16 @@ def paths(pairs: Mapping[str, Pair], dt: float, speed: float) -> Figure:
     return figure
 
 
-def time_series(pair: Pair, dt: float, speed: float) -> Figure:
+def time_series(pair: Pair | None, dt: float, speed: float) -> Figure:
     """Pelvis height and both feet's x over the scored window: teacher solid, student dashed, one common time shift."""
     figure = new_figure(8.0, 6.2)
     axes = figure.subplots(3, 1, sharex=True)
+    figure.suptitle(f"Teacher and student at {speed:g} m/s", fontsize=12, x=0.01, ha="left", color=INK)
+    if pair is None:
+        for plot in axes:
+            dress(plot)
+            _absent(plot)
+        return figure
     steps = np.arange(len(pair.window))
     for plot, channel in zip(axes, (BODY_Y, LEFT_X, RIGHT_X), strict=True):
         label = CHANNEL_LABELS[CHANNELS[channel]]
@@ -81,9 +87,9 @@ def time_series(pair: Pair, dt: float, speed: float) -> Figure:
         plot.set_title(f"mean squared error {error:.5f} m²", loc="right", fontsize=8, color=INK)
     axes[-1].set_xlabel(f"time step of {1000 * dt:.1f} ms", fontsize=9, color=INK)
     axes[-1].set_xlim(0, len(steps) - 1)
-    handles = [axes[0].lines[0], axes[0].lines[1]]
-    figure.suptitle(f"Teacher and student at {speed:g} m/s", fontsize=12, x=0.01, ha="left", color=INK)
-    figure.legend(handles, [LABELS["teacher"], LABELS["student"]], loc="outside upper right", ncols=2, frameon=False)
+    figure.legend(
+        axes[0].lines, [LABELS["teacher"], LABELS["student"]], loc="outside upper right", ncols=2, frameon=False
+    )
     return figure
 
 
@@ -154,11 +160,11 @@ def _bars(axes: Axes, rows: pd.DataFrame) -> None:
     axes.hlines(
         rows.teacher_floor, places - 0.42, places + 0.42, color=TEACHER, linewidth=1.8, label="teacher's own floor"
     )
-    for place, (_, row) in zip(places.tolist(), rows.iterrows(), strict=True):
+    for center, (_, row) in zip(places.tolist(), rows.iterrows(), strict=True):
         if np.isfinite(row.reduction_percent):
             top = max(row.baseline, row.student) + 0.09 * highest
             change = f"{-row.reduction_percent:+.0f} %"
-            axes.text(place, top, change, ha="center", fontsize=10, fontweight="bold", color=INK)
+            axes.text(center, top, change, ha="center", fontsize=10, fontweight="bold", color=INK)
     axes.set_xticks(places, [CHANNEL_LABELS[channel] for channel in rows.index])
     axes.set_ylim(0.0, 1.22 * highest)
 

@@ -1,0 +1,102 @@
+"""Films and filmstrips. Where no OpenGL can be had, poses are drawn as stick figures and films are left out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import chain
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from romgrl.gait.features import Floats
+from romgrl.report.style import COLORS, INK, LABELS, new_figure
+
+Image = NDArray[np.uint8]
+LEFT, RIGHT = "L_", "R_"
+
+
+def write_film(path: Path, frames: Iterable[Image], dt: float) -> None:
+    """An H.264 film of frames (height, width, 3), shown at the pace they were simulated: dt s apart."""
+    import imageio_ffmpeg
+
+    remaining = iter(frames)
+    first = next(remaining)
+    size = (first.shape[1], first.shape[0])
+    writer = imageio_ffmpeg.write_frames(str(path), size, fps=1.0 / dt, codec="libx264", quality=7, macro_block_size=2)
+    writer.send(None)
+    try:
+        for frame in chain((first,), remaining):
+            writer.send(np.ascontiguousarray(frame))
+    finally:
+        writer.close()
+
+
+def stride_steps(states: Floats, stride_frequency: float, dt: float, poses: int) -> NDArray[np.int64]:
+    """`poses` steps, evenly spaced over the last stride of a recorded episode; 0.7 s where there is no stride."""
+    duration = 1.0 / stride_frequency if np.isfinite(stride_frequency) and stride_frequency > 0 else 0.7
+    last = len(states) - 1
+    return np.linspace(max(0, last - round(duration / dt)), last, poses).round().astype(np.int64)
+
+
+def strip_of_pictures(rows: Mapping[str, Sequence[Image]], times: Mapping[str, Floats]) -> Figure:
+    """Rendered poses, one row per walker; times (P,) s from the first pose."""
+    figure, grid = _strip(rows, times)
+    for (name, frames), axes in zip(rows.items(), grid, strict=True):
+        for plot, frame in zip(axes, frames, strict=True):
+            plot.imshow(frame)
+            _frame(plot, COLORS[name])
+    return figure
+
+
+def strip_of_sticks(model: Any, rows: Mapping[str, Floats], times: Mapping[str, Floats]) -> Figure:
+    """Stick figures of states (P, nq or more) from the side, one row per walker; the right side is faint."""
+    figure, grid = _strip(rows, times)
+    for (name, states), axes in zip(rows.items(), grid, strict=True):
+        for plot, state in zip(axes, states, strict=True):
+            segments, faint = side_view(model, state)
+            plot.add_collection(LineCollection(list(segments[faint]), colors=COLORS[name], linewidths=1.6, alpha=0.4))
+            plot.add_collection(LineCollection(list(segments[~faint]), colors=COLORS[name], linewidths=2.2))
+            plot.axhline(0.0, color=INK, linewidth=0.8)
+            plot.set_xlim(-0.85, 0.85)
+            plot.set_ylim(-0.05, 1.95)
+            plot.set_aspect("equal")
+            _frame(plot, COLORS[name])
+    return figure
+
+
+def side_view(model: Any, state: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+    """Lines (S, 2, 2) m from each body to its parent, x relative to the root, and which are of the right side (S,)."""
+    import mujoco
+
+    data = mujoco.MjData(model)
+    data.qpos[:] = state[: model.nq]
+    mujoco.mj_kinematics(model, data)
+    children = [body for body in range(2, model.nbody) if model.body_parentid[body] > 0]
+    parents = [int(model.body_parentid[body]) for body in children]
+    points = data.xpos[:, [0, 2]] - [data.xpos[1, 0], 0.0]
+    right = [model.body(body).name.startswith(RIGHT) for body in children]
+    return np.stack((points[parents], points[children]), axis=1), np.asarray(right, bool)
+
+
+def _strip(rows: Mapping[str, Sequence[Any] | Floats], times: Mapping[str, Floats]) -> tuple[Figure, Any]:
+    poses = max((len(row) for row in rows.values()), default=1)
+    figure = new_figure(1.35 * poses, 2.3 * max(1, len(rows)) + 0.4)
+    grid = figure.subplots(max(1, len(rows)), poses, squeeze=False)
+    for name, axes in zip(rows, grid, strict=True):
+        axes[0].set_ylabel(LABELS[name], fontsize=9, color=COLORS[name])
+        for plot, time in zip(axes, times[name], strict=True):
+            plot.set_xlabel(f"{time:.2f} s", fontsize=8, color=INK)
+    figure.suptitle("One stride", fontsize=12, x=0.01, ha="left", color=INK)
+    return figure, grid
+
+
+def _frame(plot: Any, color: str) -> None:
+    plot.set_xticks([])
+    plot.set_yticks([])
+    for side in plot.spines.values():
+        side.set_color(color)
+        side.set_linewidth(0.8)

@@ -1,0 +1,169 @@
+"""Report: figures, tables, films and a summary of a finished evaluation (paper section 4.2)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from romgrl.artifacts import MANIFEST, load_arrays, read_manifest
+from romgrl.config import Config
+from romgrl.gait.alignment import align, last_windows
+from romgrl.gait.features import Gait, gait_from_reference, gait_from_rollouts
+from romgrl.humanoid import model as humanoid_model
+from romgrl.progress import StageLog
+from romgrl.report import document, figures, film, tables
+from romgrl.report.style import save
+
+if TYPE_CHECKING:
+    from romgrl.humanoid.rendering import SideCamera
+
+WALKERS = ("student", "baseline")
+POSES = 8
+
+
+def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog) -> None:
+    """Write the figures (PNG and PDF), mse.md, gait.md, student.mp4, baseline.mp4 and report.md."""
+    rollouts = load_arrays(inputs["evaluation"] / "rollouts.npz")
+    errors = pd.read_csv(inputs["evaluation"] / "mse.csv")
+    gaits = pd.read_csv(inputs["evaluation"] / "gait.csv")
+    pictures = draw(config, inputs, rollouts, errors)
+    states = {name: rollouts[f"{name}_states"] for name in WALKERS}
+    rates = dict(zip(gaits.walker, gaits.stride_frequency_hz, strict=True))
+    dt = float(rollouts["dt"])
+    model = build_model(config)
+    camera = open_camera(model, log)
+    try:
+        pictures["filmstrip"] = filmstrip(model, camera, states, rates, dt)
+        films = []
+        if camera is not None and config.evaluation.video:
+            films = shoot(camera, states, dt, output, log)
+    finally:
+        if camera is not None:
+            camera.close()
+    for name, picture in pictures.items():
+        save(picture, output, name)
+    (output / "mse.md").write_text(tables.markdown(tables.error_table(errors)))
+    (output / "gait.md").write_text(tables.markdown(tables.gait_table(gaits)))
+    facts = collect_facts(config, inputs)
+    (output / "report.md").write_text(document.write(errors, gaits, facts, list(pictures), films))
+    log.message(document.headline(errors, gaits))
+
+
+def draw(
+    config: Config, inputs: Mapping[str, Path], rollouts: Mapping[str, NDArray[Any]], errors: pd.DataFrame
+) -> dict[str, Figure]:
+    """The figures that need no simulation, by the names of their files."""
+    teacher = gait_from_reference(load_arrays(inputs["reference"] / "reference.npz"))
+    window = config.evaluation.window
+    pairs = {name: typical_pair(gait_from_rollouts(rollouts, name), teacher, window) for name in WALKERS}
+    there = {name: pair for name, pair in pairs.items() if pair is not None}
+    curves = {name: path / "curve.csv" for name, path in inputs.items() if (path / "curve.csv").is_file()}
+    trained = {name: pd.read_csv(path) for name, path in curves.items() if name in ("teacher", *WALKERS)}
+    targets = {"teacher": config.teacher.speed, **dict.fromkeys(WALKERS, config.speed)}
+    return {
+        "paths": figures.paths(there, teacher.dt, config.speed),
+        "time_series": figures.time_series(pairs["student"], teacher.dt, config.speed),
+        "mse": figures.error_bars(errors, config.speed),
+        "learning_curves": figures.learning_curves(trained, targets),
+    }
+
+
+def typical_pair(gait: Gait, teacher: Gait, window: int) -> figures.Pair | None:
+    """The scored window with the median error among the episodes without a fall, over its window of the teacher."""
+    upright = np.flatnonzero(~gait.fallen)
+    pairs = align(last_windows(gait.upright_episodes, window), teacher.upright_episodes)
+    if not len(pairs.windows):
+        return None
+    spread = np.maximum(teacher.features[teacher.valid].var(axis=0), 1e-8)
+    order = np.argsort((pairs.mse / spread).sum(axis=1))
+    chosen = int(order[len(order) // 2])
+    episode, start = pairs.starts[chosen]
+    return figures.Pair(
+        window=pairs.windows[chosen],
+        teacher=pairs.matched[chosen],
+        velocity=_speeds(gait, int(upright[chosen]), slice(-window, None), window),
+        teacher_velocity=_speeds(teacher, int(episode), slice(start, start + window), window),
+    )
+
+
+def build_model(config: Config) -> Any:
+    """The humanoid of the configuration, for pictures."""
+    humanoid = config.humanoid
+    return humanoid_model.build(
+        xml=humanoid.xml,
+        actuation=humanoid.actuation,
+        height=humanoid.height,
+        mass=humanoid.mass,
+        control_frequency=humanoid.control_frequency,
+        substeps=humanoid.substeps,
+    )
+
+
+def open_camera(model: Any, log: StageLog) -> SideCamera | None:
+    """An offscreen camera, or None, with one line, where the machine has no OpenGL."""
+    from romgrl.humanoid.rendering import SideCamera
+
+    try:
+        return SideCamera(model)
+    except (ImportError, AttributeError, RuntimeError, OSError) as error:  # what the OpenGL loaders raise
+        log.message(f"no films: OpenGL cannot be used here ({error}); poses are drawn as stick figures")
+        return None
+
+
+def filmstrip(
+    model: Any, camera: SideCamera | None, states: Mapping[str, NDArray[Any]], rates: Mapping[str, float], dt: float
+) -> Figure:
+    """One stride of each walker, at the end of its recorded episode."""
+    steps = {name: film.stride_steps(values, rates[name], dt, POSES) for name, values in states.items()}
+    times = {name: dt * (values - values[0]) for name, values in steps.items()}
+    poses = {name: values[steps[name]] for name, values in states.items()}
+    if camera is None:
+        return film.strip_of_sticks(model, poses, times)
+    rows = {name: [crop(camera.frame(state)) for state in values] for name, values in poses.items()}
+    return film.strip_of_pictures(rows, times)
+
+
+def crop(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """The middle of a frame, where the walker is: as wide as 0.7 of its height."""
+    width = int(0.7 * frame.shape[0])
+    left = (frame.shape[1] - width) // 2
+    return frame[:, left : left + width]
+
+
+def shoot(camera: SideCamera, states: Mapping[str, NDArray[Any]], dt: float, output: Path, log: StageLog) -> list[str]:
+    """One film per walker, the whole recorded episode."""
+    total, done, films = sum(len(values) for values in states.values()), 0, []
+    for name, values in states.items():
+        film.write_film(output / f"{name}.mp4", map(camera.frame, values), dt)
+        done += len(values)
+        log.progress(done, total)
+        films.append(f"{name}.mp4")
+    return films
+
+
+def collect_facts(config: Config, inputs: Mapping[str, Path]) -> document.Facts:
+    """What the report says of the run."""
+    evaluation = config.evaluation
+    manifests = {name: path for name, path in inputs.items() if (path / MANIFEST).is_file()}
+    return document.Facts(
+        speed=config.speed,
+        teacher_speed=config.teacher.speed,
+        eta=config.eta,
+        noise=config.noise,
+        seed=config.seed,
+        episodes=evaluation.episodes,
+        steps=evaluation.steps,
+        window=evaluation.window,
+        wall_times={name: read_manifest(path).wall_time for name, path in manifests.items()},
+    )
+
+
+def _speeds(gait: Gait, episode: int, steps: slice, window: int) -> NDArray[np.floating]:
+    """Forward velocity (W,) of part of an episode; zero where it was not recorded."""
+    return np.zeros(window) if gait.velocity is None else gait.velocity[episode, gait.valid[episode]][steps]
