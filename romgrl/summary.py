@@ -38,7 +38,7 @@ def error_table(rows: Rows) -> Table:
     """One row per channel: baseline, student and reduction, aligned and raw; notes below."""
     notes = dict.fromkeys(row["note"] for row in rows if row.get("note"))
     table = Table(title="Error against the reference (m^2)", title_justify="left", caption="\n".join(notes) or None)
-    table.add_column("channel")
+    table.add_column("channel", no_wrap=True)
     for alignment in ALIGNMENTS:
         for column in SHOWN:
             table.add_column(f"{alignment}\n{column.replace('reduction_percent', 'reduction %')}", justify="right")
