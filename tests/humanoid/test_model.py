@@ -1,0 +1,211 @@
+"""The planar humanoid's anthropometry, symmetry and physics, and a user's own file held in the plane."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+
+from romgrl.errors import ConfigurationError
+from romgrl.humanoid.anthropometry import DE_LEVA, MASS_SHARES, mass_fraction
+from romgrl.humanoid.model import build, dimensions
+from romgrl.humanoid.skeleton import BODIES, HINGES, PARENTS, mirror_joints, other_side
+from tests.humanoid.files import humenv_xml
+
+LIMBS = ("upper_arm", "forearm", "hand", "thigh", "shank", "foot")
+
+
+def test_masses_are_de_levas() -> None:
+    model = build(height=1.8, mass=80.0)
+    assert model.body_mass.sum() == pytest.approx(80.0, abs=1e-9)
+    for segment, shares in MASS_SHARES.items():
+        names = [name for name, _ in shares]
+        if segment in LIMBS:
+            names = [f"L_{name}" for name in names]
+        mass = sum(model.body(name).mass[0] for name in names)
+        assert mass / 80.0 == pytest.approx(DE_LEVA[segment].mass, abs=1e-12), segment
+    assert sum(mass_fraction(name) for name in BODIES) == pytest.approx(1.0, abs=1e-12)
+    with pytest.raises(ValueError, match="no such body"):
+        mass_fraction("Tail")
+
+
+def test_thigh_has_de_levas_centre_and_inertia() -> None:
+    model = build(height=1.741, mass=73.0)
+    thigh = model.body("L_Hip")
+    assert thigh.ipos == pytest.approx([0, -0.4095 * 0.4222, 0], abs=1e-12)
+    assert model.body("L_Knee").pos == pytest.approx([0, -0.4222, 0], abs=1e-12)
+    about_lateral = 0.1416 * 73.0 * (0.329 * 0.4222) ** 2
+    along = 0.1416 * 73.0 * (0.149 * 0.4222) ** 2
+    assert np.sort(thigh.inertia) == pytest.approx([along, about_lateral, about_lateral], rel=1e-9)
+
+
+def test_dimensions_scale_with_height() -> None:
+    size = dimensions(build(height=1.741, mass=73.0))
+    above_hip = 0.1457 * (1 - 0.6115)
+    assert size.leg_length == pytest.approx(0.4222 + 0.4340 + above_hip, abs=1e-9)
+    assert size.ankle_height == pytest.approx(0.039 * 1.741, abs=1e-9)
+    assert size.pelvis_height == pytest.approx(size.leg_length + size.ankle_height, abs=1e-9)
+    assert size.head_height == pytest.approx(1.741 - 0.2033, abs=1e-9)
+    double = dimensions(build(height=2 * 1.741, mass=10.0))
+    assert double.mass == pytest.approx(10.0)
+    assert double.leg_length == pytest.approx(2 * size.leg_length)
+
+
+def test_tree_and_degrees_of_freedom() -> None:
+    model = build()
+    assert (model.nq, model.nv, model.nu) == (24, 24, 21)
+    assert [model.body(index).name for index in range(1, 25)] == list(BODIES)
+    for name, parent in PARENTS.items():
+        assert model.body(model.body(name).parentid[0]).name == parent
+    assert [model.joint(index).name for index in range(3, 24)] == list(HINGES)
+    assert model.actuator_ctrlrange.tolist() == [[-1.0, 1.0]] * 21
+    assert model.opt.timestep == pytest.approx(1 / 240)
+
+
+def test_left_equals_right() -> None:
+    model = build()
+    for name in BODIES:
+        body, other = model.body(name), model.body(other_side(name))
+        assert body.pos == pytest.approx(other.pos * [-1, 1, 1], abs=0)
+        assert (body.mass[0], *body.inertia) == (other.mass[0], *other.inertia)
+    for name in HINGES:
+        joint, other = model.joint(name), model.joint(other_side(name))
+        assert (*joint.range, *joint.damping, joint.armature[0]) == (*other.range, *other.damping, other.armature[0])
+        servo, opposite = model.actuator(name), model.actuator(other_side(name))
+        assert servo.biasprm.tolist() == opposite.biasprm.tolist()
+
+
+def test_hinges_follow_the_sign_convention() -> None:
+    model = build()
+    data = mujoco.MjData(model)
+    for name, body, forward in (("L_Hip", "L_Knee", -1), ("L_Knee", "L_Ankle", -1), ("Torso", "Neck", 1)):
+        mujoco.mj_resetData(model, data)
+        data.joint(name).qpos[0] = 0.3
+        mujoco.mj_kinematics(model, data)
+        assert np.sign(data.body(body).xpos[0]) == forward
+        assert abs(data.body(body).xpos[1] - data.body(name).xpos[1]) < 1e-12
+
+
+def test_spine_cannot_fold() -> None:
+    ranges = [build().joint(name).range for name in ("Torso", "Spine", "Chest")]
+    low, high = np.sum(ranges, axis=0)
+    assert -0.7 < low < -0.3
+    assert 0.6 < high < 1.1  # human: about 60 degrees forward from sacrum to neck
+
+
+def test_servo_torque_stays_human() -> None:
+    model = build()
+    data = mujoco.MjData(model)
+    data.joint("L_Hip").qpos[0] = -2.0
+    data.ctrl[:] = 1.0
+    mujoco.mj_forward(model, data)
+    assert data.actuator("L_Hip").force[0] == pytest.approx(220.0)
+    assert 0 <= model.actuator_forcerange[:, 1].min() <= model.actuator_forcerange[:, 1].max() <= 250
+
+
+def test_torque_actuation() -> None:
+    model = build(actuation="torque")
+    data = mujoco.MjData(model)
+    data.qpos[3:] = -0.1
+    data.ctrl[:] = np.linspace(-1, 1, 21)
+    mujoco.mj_forward(model, data)
+    assert data.actuator_force == pytest.approx(np.linspace(-1, 1, 21) * model.actuator_forcerange[:, 1])
+
+
+def test_free_fall_and_energy_free_of_contact() -> None:
+    model = build()
+    data = mujoco.MjData(model)
+    data.qpos[1], data.qvel[0] = 10.0, 3.0
+    for _ in range(240):
+        mujoco.mj_step(model, data)
+    mujoco.mj_forward(model, data)
+    # semi-implicit integration of a constant acceleration: z = -g t (t + h) / 2, g = 9.81, t = 1 s
+    standing = mujoco.MjData(model)
+    standing.qpos[1] = 10.0
+    mujoco.mj_forward(model, standing)
+    drop = data.subtree_com[1, 2] - standing.subtree_com[1, 2]
+    assert drop == pytest.approx(-9.81 * (1 + 1 / 240) / 2, abs=2e-3)
+    assert data.subtree_com[1, 0] - standing.subtree_com[1, 0] == pytest.approx(3.0, abs=2e-3)
+
+
+def landing(substeps: int) -> np.ndarray:
+    """State after a third of a second of a drop onto a bent leg."""
+    model = build(substeps=substeps)
+    data = mujoco.MjData(model)
+    data.qpos[1], data.qvel[0] = 1.0, 2.0
+    data.joint("R_Knee").qpos[0] = 1.0
+    for _ in range(10 * substeps):
+        mujoco.mj_step(model, data)
+    return data.qpos.copy()
+
+
+def test_timestep_is_small_enough() -> None:
+    difference = np.abs(landing(8) - landing(32))
+    assert difference[1] < 0.005
+    assert difference[2:].mean() < 0.01
+
+
+def test_stable_under_random_bang_bang() -> None:
+    model, generator = build(), np.random.default_rng(0)
+    data = mujoco.MjData(model)
+    data.qpos[1] = 1.0
+    for _ in range(300):
+        data.ctrl[:] = generator.choice([-1.0, 1.0], 21)
+        for _ in range(8):
+            mujoco.mj_step(model, data)
+        assert np.abs(data.qvel).max() < 80
+    assert sum(warning.number for warning in data.warning) == 0
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [{"actuation": "muscle"}, {"height": 0.0}, {"mass": float("nan")}, {"control_frequency": -1}, {"substeps": 0}],
+)
+def test_bad_arguments(bad: dict[str, Any]) -> None:
+    with pytest.raises(ValueError, match=next(iter(bad))):
+        build(**bad)
+
+
+def test_missing_file_is_one_line(tmp_path: Path) -> None:
+    with pytest.raises(ConfigurationError, match=r"humanoid\.xml: no such file") as error:
+        build(xml=tmp_path / "robot.xml")
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    "text", ["not xml", "<mujoco/>", "<mujoco><worldbody><body name='Pelvis'/></worldbody></mujoco>"]
+)
+def test_wrong_file_is_one_line(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "robot.xml"
+    path.write_text(text)
+    with pytest.raises(ConfigurationError, match=r"humanoid\.xml") as error:
+        build(xml=path)
+    assert "\n" not in str(error.value)
+
+
+def test_the_users_own_humanoid() -> None:
+    full = mujoco.MjModel.from_xml_path(str(humenv_xml()))
+    model = build(xml=humenv_xml(), substeps=15)
+    assert (model.nq, model.nv, model.nu) == (24, 24, 21)
+    assert model.opt.timestep == pytest.approx(1 / 450)
+    size = dimensions(model)
+    assert size.mass == pytest.approx(full.body_mass.sum(), abs=1e-9)
+    assert size.leg_length == pytest.approx(0.868, abs=1e-3)
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    for side in ("L", "R"):
+        assert data.body(f"{side}_Wrist").xpos[2] < data.body(f"{side}_Shoulder").xpos[2] - 0.4
+        servo, original = model.actuator(f"{side}_Knee"), full.actuator(f"{side}_Knee_x")
+        assert servo.gainprm.tolist() == original.gainprm.tolist()
+    elbows = [model.joint(f"{side}_Elbow").range.tolist() for side in "LR"]
+    assert elbows[0] == pytest.approx(elbows[1])
+    axes = data.xaxis[3:]
+    assert np.abs(axes - [0, 1, 0]).max() < 1e-9
+
+
+def test_mirror_of_joints_is_its_own_inverse() -> None:
+    permutation = mirror_joints()
+    assert permutation[permutation].tolist() == list(range(24))

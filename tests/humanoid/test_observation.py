@@ -1,0 +1,133 @@
+"""HumEnv's observation, one at a time and many together, its columns and its mirror image."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+
+from romgrl.humanoid.model import build
+from romgrl.humanoid.observation import OBSERVATION_SIZE, observe, varying_columns
+from romgrl.humanoid.skeleton import BODIES, mirror_action, mirror_joints, mirror_observation
+from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
+from tests.humanoid.files import humenv_cases, humenv_xml
+
+
+def planar_data(model: mujoco.MjModel, qpos: np.ndarray, qvel: np.ndarray) -> mujoco.MjData:
+    data = mujoco.MjData(model)
+    data.qpos[:], data.qvel[:] = qpos, qvel
+    mujoco.mj_forward(model, data)
+    return data
+
+
+def test_equals_humenv() -> None:
+    model = mujoco.MjModel.from_xml_path(str(humenv_xml()))
+    cases = np.load(humenv_cases(), allow_pickle=False)
+    assert len(cases["qpos"]) >= 64
+    for qpos, qvel, expected in zip(cases["qpos"], cases["qvel"], cases["observation"], strict=True):
+        observation = observe(model, planar_data(model, qpos, qvel))
+        assert observation.dtype == np.float64
+        assert np.abs(observation - expected).max() < 1e-6
+
+
+def test_standing_by_hand() -> None:
+    """Standing at height 1 and moving forward at 2 m/s while pitching at 3 rad/s."""
+    model = build()
+    qvel = np.zeros(24)
+    qvel[0], qvel[2] = 2.0, 3.0
+    qpos = np.zeros(24)
+    qpos[1] = 1.0
+    observation = observe(model, planar_data(model, qpos, qvel))
+    assert observation.shape == (OBSERVATION_SIZE,)
+    assert observation[0] == 1.0
+    left_hip = model.body("L_Hip").pos  # left, up, forward
+    assert observation[1:4] == pytest.approx([0.0, left_hip[0], left_hip[1]])
+    assert observation[70:76] == pytest.approx([0, 1, 0, 1, 0, 0])  # local x points left, local z forward
+    assert observation[214:217] == pytest.approx([2, 0, 0])
+    hip_below = -left_hip[1]
+    assert observation[217:220] == pytest.approx([2 - 3 * hip_below, 0, 0])
+    assert observation[286:289] == pytest.approx([0, 3, 0])
+
+
+def test_heading_is_removed() -> None:
+    """On a free root, turning about the vertical changes nothing."""
+    spec = mujoco.MjSpec.from_string(FREE_BODIES)
+    model = spec.compile()
+    generator = np.random.default_rng(0)
+    qvel = generator.normal(size=model.nv)
+    seen = []
+    for angle in (0.0, 2.0):
+        data = mujoco.MjData(model)
+        turn = np.array([np.cos(angle / 2), 0, 0, np.sin(angle / 2)])
+        upright = np.array([0.5, 0.5, 0.5, 0.5])
+        mujoco.mju_mulQuat(data.qpos[3:7], turn, upright)
+        rotation = np.zeros(9)
+        mujoco.mju_quat2Mat(rotation, turn)
+        data.qvel[:] = qvel
+        data.qvel[:3] = rotation.reshape(3, 3) @ qvel[:3]
+        mujoco.mj_forward(model, data)
+        seen.append(observe(model, data))
+    assert seen[0] == pytest.approx(seen[1], abs=1e-12)
+
+
+def _chain() -> str:
+    geom = "<geom size='0.1' mass='1'/>"
+    opening = "".join(
+        f"<body name='{name}' pos='0.1 0.05 0.02'>{geom}" + ("<freejoint/>" if name == "Pelvis" else "")
+        for name in BODIES
+    )
+    return f"<mujoco><worldbody>{opening}{'</body>' * len(BODIES)}</worldbody></mujoco>"
+
+
+FREE_BODIES = _chain()
+
+
+def test_vectorised_equals_observe() -> None:
+    env = PlanarHumanoidVectorEnv(num_envs=16)
+    env.reset(seed=0)
+    generator = np.random.default_rng(1)
+    for _ in range(5):
+        observation, *_ = env.step(generator.uniform(-1, 1, (16, 21)).astype(np.float32))
+    for row, state in enumerate(env.states()):
+        expected = observe(env.model, planar_data(env.model, state[:24], state[24:]))
+        assert np.array_equal(observation[row], expected.astype(np.float32))
+
+
+def test_compact_columns() -> None:
+    """In the plane: height, 23 x (x, z), 24 x local z (x, z), 24 x (vx, vz) and 24 pitch rates vary."""
+    columns = varying_columns(build())
+    assert len(columns) == 1 + 46 + 48 + 48 + 24
+    assert np.array_equal(columns, varying_columns(build(height=1.6)))
+    env = PlanarHumanoidVectorEnv(num_envs=32)
+    observation, _ = env.reset(seed=0)
+    constant = np.setdiff1d(np.arange(OBSERVATION_SIZE), columns)
+    generator = np.random.default_rng(0)
+    for _ in range(30):
+        later, *_ = env.step(generator.uniform(-1, 1, (32, 21)).astype(np.float32))
+        assert np.abs(later[:, constant] - observation[:1, constant]).max() < 1e-6
+
+
+def test_mirror_of_state_observation_and_step() -> None:
+    env = PlanarHumanoidVectorEnv(num_envs=64, fall_pelvis_height=0, fall_head_height=0, fall_trunk_lean=9)
+    env.reset(seed=1)
+    joints, (columns, sign), (actions, action_sign) = mirror_joints(), mirror_observation(), mirror_action()
+    states = env.states()
+    mirrored = np.concatenate([states[:, :24][:, joints], states[:, 24:][:, joints]], axis=1)
+    action = np.random.default_rng(0).uniform(-1, 1, (64, 21)).astype(np.float32)
+    first = env.set_states(states)
+    assert np.abs(first[:, columns] * sign - env.set_states(mirrored)).max() < 1e-6
+    env.set_states(states)
+    env.step(action)
+    after = env.states()
+    env.set_states(mirrored)
+    env.step(action[:, actions] * action_sign)
+    other = env.states()
+    assert np.abs(after[:, :24][:, joints] - other[:, :24]).max() < 1e-6
+    assert np.abs(after[:, 24:][:, joints] - other[:, 24:]).max() < 1e-6
+    assert columns[columns].tolist() == list(range(OBSERVATION_SIZE))
+    assert np.array_equal(sign * sign[columns], np.ones(OBSERVATION_SIZE))
+
+
+def test_users_own_humanoid_varies_in_the_plane() -> None:
+    columns = varying_columns(build(xml=humenv_xml(), substeps=15))
+    assert 167 <= len(columns) <= 190
