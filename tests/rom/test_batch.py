@@ -155,22 +155,21 @@ def test_state_size_is_the_modules() -> None:
 def test_forked_child_steps_on_without_threads() -> None:
     """Worker threads do not survive a fork: the child gives the same numbers alone, and ends without hanging."""
     code = """
-import os, sys
-import subprocess
+import os
 import sys
-
 import numpy as np
 from tests.rom.worlds import Worlds, core_parameters
 worlds = Worlds(core_parameters(), 8, 3)
 worlds.step()
 child = os.fork()
+status = 0
 for _ in range(5):
     worlds.step()
-print(worlds["features"].sum(dtype=np.float64))
-del worlds
-sys.stdout.flush()
 if child:
-    sys.exit(os.waitpid(child, 0)[1])
+    status = os.waitpid(child, 0)[1]
+os.write(1, f"{worlds['features'].sum(dtype=np.float64)} ".encode())
+del worlds
+sys.exit(status)
 """
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=60)
     assert result.returncode == 0, result.stderr
