@@ -111,8 +111,8 @@ def mse_table(*, reference: Gait, student: Gait, baseline: Gait, window: int) ->
     table = pd.DataFrame(rows)
     for name in ("student", "baseline"):
         table[f"{name}_episodes"] = int((~walkers[name].fallen).sum())
-    objections = (_objection(name, gait) for name, gait in walkers.items())
-    table["note"] = "; ".join(filter(None, objections)) or "ok"
+    objections = [_upright(name, gait) for name, gait in walkers.items() if not comparable(gait)]
+    table["note"] = f"{NOT_COMPARABLE}: {', '.join(objections)}" if objections else "ok"
     return table
 
 
@@ -130,10 +130,8 @@ def comparable(gait: Gait) -> bool:
     return bool(2 * (~gait.fallen).sum() >= len(gait.fallen))
 
 
-def _objection(name: str, gait: Gait) -> str:
-    if comparable(gait):
-        return ""
-    return f"{NOT_COMPARABLE}: {name} upright in {int((~gait.fallen).sum())} of {len(gait.fallen)} episodes"
+def _upright(name: str, gait: Gait) -> str:
+    return f"{name} upright in {int((~gait.fallen).sum())} of {len(gait.fallen)} episodes"
 
 
 def _mean_error(name: str, gait: Gait, teacher: list[Floats], window: int, *, raw: bool) -> Floats:

@@ -38,10 +38,10 @@ def speed_error(velocity: Floats, target: float, valid: Bools | None = None, ski
 
 
 def stride_frequency(features: Floats, dt: float, valid: Bools | None = None) -> float:
-    """Strides per second from the autocorrelation of both feet's x; median over episodes.
+    """Strides per second: forward swings of each foot relative to the body, mean over feet, median over episodes.
 
-    A stride is two steps, touchdown to touchdown of the same foot (Winter, Biomechanics and Motor Control of Human
-    Movement, ch. 3); the period is found by `periodicity.frequency`.
+    A stride is two steps, from one event of a foot to the same event of that foot (Winter, Biomechanics and Motor
+    Control of Human Movement, ch. 3); the swings are counted by `periodicity.frequency`.
     """
     rates = [frequency(e[:, [LEFT_X, RIGHT_X]], dt) for e in _episodes(features, valid)]
     return _nanmedian(rates)

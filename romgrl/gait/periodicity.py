@@ -6,37 +6,40 @@ import numpy as np
 
 from romgrl.gait.features import Floats
 
-SLOWEST, FASTEST = 0.3, 5.0  # repetitions per second, the band searched
+SMALLEST_SWING = 0.02  # m; a signal that moves less than this does not swing
+REVERSAL = 0.3  # of the range between the 5th and the 95th percentile
 
 
 def frequency(signals: Floats, dt: float) -> float:
-    """Repetitions per second of signals (T, S) that repeat together, nan where nothing does.
+    """Swings per second of signals (T, S) that swing at the same rate, mean over signals; nan where fewer than two do.
 
-    The period is the earliest peak of the unbiased autocorrelation, summed over signals, that reaches 0.8 of the
-    highest one within 0.2-3.3 s (so that no multiple is taken for it), refined at the last multiple inside T / 2.
+    A swing ends in a maximum that lies REVERSAL of the signal's range above the minima on both sides, so that noise
+    does not count and swings of different height do. The rate is (n - 1) / (time from the first of n maxima to the last).
     """
-    steps = len(signals)
-    shortest = max(2, int(1.0 / (FASTEST * dt)))
-    longest = min(int(1.0 / (SLOWEST * dt)), int(0.75 * steps))
-    centred = signals - signals.mean(axis=0)
-    if longest - shortest < 3 or centred.std() < 1e-6:
-        return float("nan")
-    spectrum = np.fft.rfft(centred, 2 * steps, axis=0)
-    correlation = np.fft.irfft(np.abs(spectrum) ** 2, axis=0)[:steps].sum(axis=1) / np.arange(steps, 0, -1)
-    correlation /= correlation[0]
-    inner = np.arange(shortest, longest)
-    peaks = inner[(correlation[inner] >= correlation[inner - 1]) & (correlation[inner] > correlation[inner + 1])]
-    peaks = peaks[correlation[peaks] > 0.3]
-    if not len(peaks):
-        return float("nan")
-    first = int(peaks[correlation[peaks] >= 0.8 * correlation[peaks].max()][0])
-    period = first + vertex(correlation, first)
-    for multiple in range(2, int(0.5 * steps / period) + 1):
-        centre = round(multiple * period)
-        near = np.arange(max(centre - first // 4, 1), min(centre + first // 4 + 1, steps - 1))
-        best = int(near[correlation[near].argmax()])
-        period = (best + vertex(correlation, best)) / multiple
-    return 1.0 / (period * dt)
+    rates = []
+    for signal in signals.T:
+        maxima = swing_maxima(signal)
+        if len(maxima) > 1:
+            first, last = (index + vertex(signal, index) for index in (maxima[0], maxima[-1]))
+            rates.append((len(maxima) - 1) / ((last - first) * dt))
+    return float(np.mean(rates)) if rates else float("nan")
+
+
+def swing_maxima(signal: Floats) -> list[int]:
+    """Steps of the maxima that end a swing of `signal` (T,); see `frequency`."""
+    low, high = np.percentile(signal, (5, 95)) if len(signal) else (0.0, 0.0)
+    if high - low < SMALLEST_SWING:
+        return []
+    reversal = REVERSAL * (high - low)
+    maxima, best, rising = [], 0, False
+    for step, value in enumerate(signal):
+        if (value > signal[best]) if rising else (value < signal[best]):
+            best = step
+        elif abs(value - signal[best]) > reversal:
+            if rising:
+                maxima.append(best)
+            rising, best = not rising, step
+    return maxima
 
 
 def lag(signal: Floats, reference: Floats, reach: int) -> float:

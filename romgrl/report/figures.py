@@ -52,16 +52,17 @@ def paths(pairs: Mapping[str, Pair], dt: float, speed: float) -> Figure:
             _absent(axes)
         axes.set_ylim(bottom=0.0)
     walkers = _walkers(pairs)
+    steps, loops = round(PATH_TIME / dt), None
     for place, (x, z, _) in enumerate(FEET):
-        axes = figure.add_subplot(grid[1, 2 * place : 2 * place + 2])
+        loops = figure.add_subplot(grid[1, 2 * place : 2 * place + 2], sharex=loops, sharey=loops)
         side = ("left", "right")[place]
-        dress(axes, title=f"{side} foot about the pelvis", xlabel="forward of the pelvis [m]", ylabel="height [m]")
+        dress(loops, title=f"{side} foot about the pelvis", xlabel="forward of the pelvis [m]", ylabel="height [m]")
         for name, window in walkers.items():
-            axes.plot(window[:, x], window[:, BODY_Y] + window[:, z], color=COLORS[name], **EMPHASIS[name])
+            shown = window[:steps]
+            loops.plot(shown[:, x], shown[:, BODY_Y] + shown[:, z], color=COLORS[name], **EMPHASIS[name])
     axes = figure.add_subplot(grid[1, 4:])
     dress(axes, title="pelvis", xlabel="time [s]", ylabel="height [m]")
     for name, window in walkers.items():
-        steps = round(PATH_TIME / dt)
         axes.plot(dt * np.arange(len(window[:steps])), window[:steps, BODY_Y], color=COLORS[name], **EMPHASIS[name])
     _legend(figure, walkers, f"Pelvis and foot paths at {speed:g} m/s (left foot solid, right foot dotted)")
     return figure
@@ -128,7 +129,8 @@ def learning_curves(curves: Mapping[str, pd.DataFrame], targets: Mapping[str, fl
         axes.ticklabel_format(axis="x", style="sci", scilimits=(0, 5))
         for name, curve in curves.items():
             if column in curve and curve[column].notna().any():
-                axes.plot(curve["step"], curve[column], color=COLORS[name], linewidth=1.4)
+                marker = "o" if len(curve) == 1 else None
+                axes.plot(curve["step"], curve[column], color=COLORS[name], linewidth=1.4, marker=marker)
         if column == "speed":
             for name in curves:
                 axes.axhline(targets[name], color=COLORS[name], linewidth=0.8, linestyle=":")

@@ -84,13 +84,13 @@ def side_view(model: Any, state: Floats) -> tuple[Floats, NDArray[np.bool_]]:
 
 def _strip(rows: Mapping[str, Sequence[Any] | Floats], times: Mapping[str, Floats]) -> tuple[Figure, Any]:
     poses = max((len(row) for row in rows.values()), default=1)
-    figure = new_figure(1.35 * poses, 2.3 * max(1, len(rows)) + 0.4)
+    figure = new_figure(1.35 * poses, 2.15 * max(1, len(rows)) + 0.3)
     grid = figure.subplots(max(1, len(rows)), poses, squeeze=False)
     for name, axes in zip(rows, grid, strict=True):
         axes[0].set_ylabel(LABELS[name], fontsize=9, color=COLORS[name])
         for plot, time in zip(axes, times[name], strict=True):
             plot.set_xlabel(f"{time:.2f} s", fontsize=8, color=INK)
-    figure.suptitle("One stride", fontsize=12, x=0.01, ha="left", color=INK)
+    figure.suptitle("One stride of each walker", fontsize=12, x=0.01, ha="left", color=INK)
     return figure, grid
 
 

@@ -35,7 +35,7 @@ def cell(value: object) -> str:
     """A number to four significant digits, a dash for what is not known, text as it is."""
     if isinstance(value, float):
         return f"{value:.4g}" if math.isfinite(value) else "-"
-    return str(value)
+    return str(value).replace("|", "\\|")
 
 
 def error_table(errors: pd.DataFrame) -> pd.DataFrame:

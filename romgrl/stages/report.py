@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -16,15 +16,14 @@ from romgrl.config import Config
 from romgrl.gait.alignment import align, last_windows
 from romgrl.gait.features import Gait, gait_from_reference, gait_from_rollouts
 from romgrl.humanoid import model as humanoid_model
+from romgrl.humanoid.rendering import RenderingError, SideCamera
 from romgrl.progress import StageLog
 from romgrl.report import document, figures, film, tables
 from romgrl.report.style import save
 
-if TYPE_CHECKING:
-    from romgrl.humanoid.rendering import SideCamera
-
 WALKERS = ("student", "baseline")
 POSES = 8
+FILM_TIME = 6.0  # s at the end of the recorded episode
 
 
 def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog) -> None:
@@ -107,12 +106,10 @@ def build_model(config: Config) -> Any:
 
 def open_camera(model: Any, log: StageLog) -> SideCamera | None:
     """An offscreen camera, or None, with one line, where the machine has no OpenGL."""
-    from romgrl.humanoid.rendering import SideCamera
-
     try:
         return SideCamera(model)
-    except (ImportError, AttributeError, RuntimeError, OSError) as error:  # what the OpenGL loaders raise
-        log.message(f"no films: OpenGL cannot be used here ({error}); poses are drawn as stick figures")
+    except RenderingError as error:
+        log.message(f"no films, and stick figures for poses: {error}")
         return None
 
 
@@ -137,9 +134,10 @@ def crop(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def shoot(camera: SideCamera, states: Mapping[str, NDArray[Any]], dt: float, output: Path, log: StageLog) -> list[str]:
-    """One film per walker, the whole recorded episode."""
-    total, done, films = sum(len(values) for values in states.values()), 0, []
-    for name, values in states.items():
+    """One film per walker, the last FILM_TIME of the recorded episode."""
+    filmed = {name: values[-round(FILM_TIME / dt) :] for name, values in states.items()}
+    total, done, films = sum(len(values) for values in filmed.values()), 0, []
+    for name, values in filmed.items():
         film.write_film(output / f"{name}.mp4", map(camera.frame, values), dt)
         done += len(values)
         log.progress(done, total)

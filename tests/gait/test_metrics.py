@@ -21,6 +21,20 @@ def test_stride_frequency_is_not_fooled_by_a_hop_or_a_short_episode() -> None:
     assert np.isnan(metrics.stride_frequency(short[:, :5], DT))
 
 
+def test_stride_frequency_counts_strides_of_different_length() -> None:
+    # every third swing is twice as long: the pattern repeats at 0.6 Hz, the foot swings at 1.8 Hz
+    time = DT * np.arange(300)
+    features = np.zeros((1, 300, 5))
+    features[0, :, 1] = 0.3 * np.cos(2 * np.pi * 1.8 * time) + 0.15 * np.cos(2 * np.pi * 0.6 * time)
+    features[0, :, 3] = features[0, ::-1, 1]
+    assert metrics.stride_frequency(features, DT) == pytest.approx(1.8, rel=0.01)
+
+
+def test_standing_is_no_stride() -> None:
+    features, _ = run(amplitude=0.005)
+    assert np.isnan(metrics.stride_frequency(features, DT))
+
+
 @pytest.mark.parametrize("duty", [0.28, 0.62])
 def test_duty_factor_and_touchdown_phase(duty: float) -> None:
     for phase in (0.5, 0.42, 0.0):
