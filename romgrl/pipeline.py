@@ -5,6 +5,8 @@ from __future__ import annotations
 import importlib
 import os
 import shutil
+import signal
+import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -39,6 +41,7 @@ def run(
     """
     validate(config)
     config = resolve(config)
+    listen_to_signals()
     from romgrl.tracking import Tracker, ui_command
 
     outputs = Path(config.paths.outputs)
@@ -68,6 +71,13 @@ def run(
     if tracked.run_id is not None:
         job.say(f"compare runs: {ui_command(tracker.uri)}")
     return job.finished
+
+
+def listen_to_signals() -> None:
+    """Let SIGINT and SIGTERM interrupt a stage in good order, also where a shell started the job in the background."""
+    if threading.current_thread() is threading.main_thread():
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, signal.default_int_handler)
 
 
 def resolve(config: Config) -> Config:

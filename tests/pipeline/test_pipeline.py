@@ -112,14 +112,15 @@ def test_exit_codes(command: Command, fault: str, code: int) -> None:
     assert result.stderr == ("teacher: loss = nan at step 7\n" if code == 4 else "")
 
 
-def test_control_c(tmp_path: Path) -> None:
-    """The signal a terminal sends: the stage stops at once, its directory is kept, no traceback."""
-    arguments = ("experiment=smoke", "stage=teacher", f"paths.outputs={tmp_path}/outputs")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_signals(tmp_path: Path, number: signal.Signals) -> None:
+    """What a terminal and a scheduler send: the stage stops at once, its directory is kept, no traceback."""
+    arguments = ("experiment=smoke", "stage=teacher", "tracking=none", f"paths.outputs={tmp_path}/outputs")
     job = start(*arguments, FAKE_SECONDS="60")
     partial = tmp_path / "outputs" / "artifacts" / "calls.txt"
     while not partial.exists():
         time.sleep(0.1)
-    job.send_signal(signal.SIGINT)
+    job.send_signal(number)
     out, err = job.communicate(timeout=10)
     assert (job.returncode, err) == (130, "")
     assert re.search(r"interrupted after 0:\d\d; kept /.*\.partial", out)
