@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import math
-import os
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -33,7 +32,6 @@ CHECKPOINT_SECONDS = 30.0
 def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog) -> None:
     """Train the teacher; write policy.safetensors, curve.csv (through `log`) and gait.csv of the finished policy."""
     teacher = config.teacher
-    torch.set_num_threads(thread_count(config))
     env = make_env(config, num_envs=teacher.num_envs, episode_steps=teacher.episode_steps)
     ppo = PPO(
         observation_size=flatdim(env.single_observation_space),
@@ -188,11 +186,6 @@ def record(env: SpringLegVectorEnv, policy: DeterministicPolicy, *, steps: int, 
     return Gait(features, valid, ~valid[:, -1], env.dt, velocity=velocity, contact=contact)
 
 
-def thread_count(config: Config) -> int:
-    """Threads of physics and networks; 0 in the configuration means all cores."""
-    return config.threads or os.cpu_count() or 1
-
-
 def make_env(config: Config, *, num_envs: int, episode_steps: int) -> SpringLegVectorEnv:
     """The reduced-order model of the configuration, `num_envs` times."""
     return SpringLegVectorEnv(
@@ -203,7 +196,7 @@ def make_env(config: Config, *, num_envs: int, episode_steps: int) -> SpringLegV
         episode_steps=episode_steps,
         reward=cast(Reward, config.teacher.reward),
         alpha=config.teacher.alpha,
-        num_threads=thread_count(config),
+        num_threads=config.threads,
     )
 
 

@@ -2,50 +2,37 @@
 
 import csv
 import dataclasses
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 import torch
-import yaml
 
 from romgrl.algorithms.ppo import PPO, load_policy
 from romgrl.artifacts import load_arrays, load_tensors
-from romgrl.config import Config, Humanoid, Reference, Rom, Teacher
+from romgrl.config import Config
 from romgrl.errors import ArtifactError, DivergenceError
 from romgrl.progress import SilentLog
 from romgrl.stages import reference, teacher
+from tests.conftest import Composer
 
-CONF = Path(__file__).parents[2] / "conf"
-
-
-def group(kind: Any, path: str, **changes: Any) -> Any:
-    values = yaml.safe_load((CONF / path).read_text())
-    return kind(**(values | changes))
-
-
-def make_config(teacher_name: str = "ppo", **changes: Any) -> Config:
-    return Config(
-        seed=0,
-        device="cpu",
-        threads=1,
-        rom=group(Rom, "rom/spring_leg.yaml"),
-        teacher=group(Teacher, f"teacher/{teacher_name}.yaml", **changes),
-        reference=group(Reference, "reference/default.yaml"),
-        humanoid=group(Humanoid, "humanoid/planar.yaml"),
-    )
+SMALL = (
+    "threads=1",
+    "teacher.total_steps=5000",
+    "teacher.num_envs=8",
+    "teacher.rollout_steps=64",
+    "teacher.minibatch_size=128",
+    "teacher.hidden_sizes=[32]",
+)
 
 
-def small(**changes: Any) -> Config:
-    settings = {
-        "total_steps": 5000,
-        "num_envs": 8,
-        "rollout_steps": 64,
-        "minibatch_size": 128,
-        "hidden_sizes": [32, 32],
-    }
-    return make_config(**(settings | changes))
+@pytest.fixture(autouse=True)
+def _one_thread() -> Iterator[None]:
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(threads)
 
 
 @pytest.fixture
@@ -55,32 +42,26 @@ def _short_check(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def train(config: Config, output: Path) -> SilentLog:
-    threads = torch.get_num_threads()
     log = SilentLog()
     output.mkdir()
-    try:
-        teacher.run(config, {}, output, log)
-    finally:
-        torch.set_num_threads(threads)
+    teacher.run(config, {}, output, log)
     return log
 
 
 @pytest.mark.usefixtures("_short_check")
-def test_two_runs_of_5000_steps_give_identical_weights(tmp_path: Path) -> None:
-    logs = [train(small(), tmp_path / name) for name in ("first", "second")]
+def test_two_runs_of_5000_steps_give_identical_weights(compose_config: Composer, tmp_path: Path) -> None:
+    logs = [train(compose_config(*SMALL), tmp_path / name) for name in ("first", "second")]
     first, second = (load_tensors(tmp_path / name / "policy.safetensors")[0] for name in ("first", "second"))
     assert all(torch.equal(tensor, second[name]) for name, tensor in first.items())
     assert logs[0].rows == logs[1].rows
     assert logs[0].rows[-1][0] >= 5000
-    other = small()
-    other.seed = 1
-    train(other, tmp_path / "third")
+    train(compose_config(*SMALL, "seed=1"), tmp_path / "third")
     assert not torch.equal(load_tensors(tmp_path / "third" / "policy.safetensors")[0]["0.weight"], first["0.weight"])
 
 
 @pytest.mark.usefixtures("_short_check")
-def test_stage_writes_policy_curve_and_gait(tmp_path: Path) -> None:
-    log = train(small(total_steps=1000), tmp_path / "run")
+def test_stage_writes_policy_curve_and_gait(compose_config: Composer, tmp_path: Path) -> None:
+    log = train(compose_config(*SMALL, "teacher.total_steps=1000"), tmp_path / "run")
     policy = load_policy(tmp_path / "run" / "policy.safetensors")
     assert policy(np.zeros((3, 20), np.float32)).shape == (3, 2)
     with (tmp_path / "run" / "gait.csv").open() as file:
@@ -91,39 +72,41 @@ def test_stage_writes_policy_curve_and_gait(tmp_path: Path) -> None:
     assert {"speed", "left_right_correlation", "falls", "policy_loss", "value_loss"} <= set(log.rows[-1][1])
 
 
-def test_divergence_is_an_error(tmp_path: Path) -> None:
+def test_divergence_is_an_error(compose_config: Composer, tmp_path: Path) -> None:
     with pytest.raises(DivergenceError, match=r"teacher: .* at step 512"):
-        train(small(learning_rate=1e38), tmp_path / "run")
+        train(compose_config(*SMALL, "teacher.learning_rate=1e38"), tmp_path / "run")
     assert not (tmp_path / "run" / "policy.safetensors").exists()
 
 
-def test_interrupted_training_saves_its_policy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_interrupted_training_saves_its_policy(
+    compose_config: Composer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def interrupt(*arguments: object, **keywords: object) -> dict[str, float]:
         raise KeyboardInterrupt
 
     monkeypatch.setattr(PPO, "update", interrupt)
     with pytest.raises(KeyboardInterrupt):
-        train(small(), tmp_path / "run")
+        train(compose_config(*SMALL), tmp_path / "run")
     assert load_policy(tmp_path / "run" / "policy.safetensors")(np.zeros((1, 20), np.float32)).shape == (1, 2)
 
 
 @pytest.mark.usefixtures("_short_check")
-def test_reference_of_an_untrained_teacher_is_refused(tmp_path: Path) -> None:
-    config = small(total_steps=512)
+def test_reference_of_an_untrained_teacher_is_refused(compose_config: Composer, tmp_path: Path) -> None:
+    config = compose_config(*SMALL, "teacher.total_steps=512")
     train(config, tmp_path / "teacher")
     (tmp_path / "reference").mkdir()
     with pytest.raises(ArtifactError, match="the reference falls"):
         reference.run(config, {"teacher": tmp_path / "teacher"}, tmp_path / "reference", SilentLog())
     assert not (tmp_path / "reference" / "reference.npz").exists()
-    config.reference.check = False
+    unchecked = dataclasses.replace(config, reference=dataclasses.replace(config.reference, check=False))
     log = SilentLog()
-    reference.run(config, {"teacher": tmp_path / "teacher"}, tmp_path / "reference", log)
+    reference.run(unchecked, {"teacher": tmp_path / "teacher"}, tmp_path / "reference", log)
     assert "the reference falls" in log.messages[-1]
     assert load_arrays(tmp_path / "reference" / "reference.npz")["features"].shape == (config.reference.steps, 5)
 
 
-def test_null_dimensions_come_from_the_humanoid() -> None:
-    config = make_config()
+def test_null_dimensions_come_from_the_humanoid(compose_config: Composer) -> None:
+    config = compose_config()
     parameters = teacher.rom_parameters(config)
     taller = dataclasses.replace(config, humanoid=dataclasses.replace(config.humanoid, height=1.9, mass=90.0))
     assert teacher.rom_parameters(taller).mass == pytest.approx(90.0, abs=0.01)
@@ -136,9 +119,9 @@ def test_null_dimensions_come_from_the_humanoid() -> None:
 @pytest.mark.slow
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize("seed", [0, 1, 2])
-def test_default_teacher_runs_at_4_metres_per_second(seed: int, tmp_path: Path) -> None:
-    config = make_config()
-    config.seed, config.threads = seed, 0
+def test_default_teacher_runs_at_4_metres_per_second(compose_config: Composer, seed: int, tmp_path: Path) -> None:
+    config = compose_config(f"seed={seed}", "threads=2")
+    torch.set_num_threads(2)
     assert config.teacher.total_steps <= 1_500_000
     train(config, tmp_path / "teacher")
     with (tmp_path / "teacher" / "gait.csv").open() as file:
