@@ -14,7 +14,7 @@ def frequency(signals: Floats, dt: float) -> float:
     """Swings per second of signals (T, S) that swing at the same rate, mean over signals; nan where fewer than two do.
 
     A swing ends in a maximum that lies REVERSAL of the signal's range above the minima on both sides, so that noise
-    does not count and swings of different height do. The rate is (n - 1) / (time from the first of n maxima to the last).
+    does not count and swings of different height do. The rate is (n - 1) / (time from first to last of n maxima).
     """
     rates = []
     for signal in signals.T:

@@ -1,0 +1,184 @@
+"""The evaluation stage: what counts after a fall, replayed power and contact, and the files it writes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import mujoco
+import numpy as np
+import pandas as pd
+import pytest
+import torch
+from numpy.typing import NDArray
+
+from romgrl.algorithms.sac import SAC, save_policy
+from romgrl.artifacts import load_arrays, save_arrays
+from romgrl.config import Config
+from romgrl.errors import ArtifactError, ConfigurationError
+from romgrl.humanoid.model import build, dimensions
+from romgrl.humanoid.replay import replay
+from romgrl.progress import SilentLog
+from romgrl.stages import evaluation
+from tests.gait.synthetic import DT, run
+
+
+class TwoWalkers:
+    """Row 0 stays upright; row 1 falls at step 3 and is reset. Observation and features count steps."""
+
+    num_envs, substeps, control_step = 2, 1, DT
+    model = SimpleNamespace(nu=21)
+    step_count = 0
+
+    def reset(self, *, seed: int) -> tuple[NDArray[np.float32], dict[str, Any]]:
+        self.seed, self.step_count = seed, 0
+        return np.zeros((2, 358), np.float32), {}
+
+    def states(self) -> NDArray[np.float64]:
+        return np.full((2, 48), float(self.step_count))
+
+    def step(self, action: NDArray[np.float32]) -> tuple[Any, ...]:
+        assert action.shape == (2, 21)
+        terminated = np.array([False, self.step_count == 3])
+        info = {
+            "features": np.full((2, 5), self.step_count, np.float32),
+            "forward_velocity": np.full(2, 4, np.float32),
+            "trunk_lean": np.zeros(2, np.float32),
+        }
+        self.step_count += 1
+        return np.zeros((2, 358), np.float32), np.zeros(2), terminated, np.zeros(2, bool), info
+
+
+def test_nothing_after_a_fall_counts(monkeypatch: pytest.MonkeyPatch) -> None:
+    replayed: list[int] = []
+
+    def fake_replay(model: object, states: NDArray[np.float64], actions: object, substeps: int) -> tuple[Any, Any]:
+        replayed.append(len(states))
+        return np.full(len(states), 7.0), np.ones((len(states), 2), bool)
+
+    monkeypatch.setattr(evaluation, "replay", fake_replay)
+    env, seen = TwoWalkers(), []
+    arrays = evaluation.roll_out(
+        env,  # type: ignore[arg-type]
+        lambda observation: np.zeros((len(observation), 21), np.float32),
+        steps=10,
+        seed=5,
+        progress=seen.append,
+    )
+    assert (env.seed, seen) == (5, list(range(1, 11)))
+    np.testing.assert_array_equal(arrays["upright"], [[True] * 10, [True] * 3 + [False] * 7])
+    np.testing.assert_array_equal(arrays["features"][0, :, 2], np.arange(10))
+    assert replayed == [10, 3]
+    np.testing.assert_array_equal(arrays["power"].sum(axis=1), [70, 21])
+    np.testing.assert_array_equal(arrays["states"][:, 0], np.arange(10))
+
+
+def test_replayed_power_is_torque_times_angle() -> None:
+    model = build(actuation="torque", substeps=16)
+    data = mujoco.MjData(model)
+    data.qpos[1] = 2.0  # in the air, at rest
+    state = np.concatenate((data.qpos, data.qvel))
+    action = np.zeros(model.nu)
+    assert replay(model, state[None], action[None], 16)[0][0] == 0.0
+    actuator = model.actuator("L_Knee").id if "L_Knee" in _names(model) else 4
+    action[actuator] = 0.2
+    joint = model.jnt_dofadr[model.actuator_trnid[actuator, 0]]
+    power, contact = replay(model, state[None], action[None], 16)
+    data.ctrl[:] = action
+    torque, angle = [], data.qpos[joint]
+    for _ in range(16):
+        mujoco.mj_step(model, data)
+        torque.append(data.qfrc_actuator[joint])
+    assert np.ptp(torque) < 1e-9  # constant, so that work = torque x angle
+    work = abs(torque[0] * (data.qpos[joint] - angle))
+    assert work > 0
+    assert power[0] == pytest.approx(work * 30.0, rel=1e-6)
+    assert not contact.any()
+
+
+def test_replayed_contact_of_a_standing_humanoid() -> None:
+    model = build()
+    states = np.zeros((2, model.nq + model.nv))
+    states[:, 1] = dimensions(model).pelvis_height + np.array([0.0, 0.1])
+    contact = replay(model, states, np.zeros((2, model.nu)), 8)[1]
+    np.testing.assert_array_equal(contact, [[True, True], [False, False]])
+
+
+def test_stage_writes_the_fixed_files(smoke_config: Config, tmp_path: Path) -> None:
+    config = smoke_config
+    inputs = {name: tmp_path / name for name in ("reference", "student", "baseline")}
+    for path in inputs.values():
+        path.mkdir()
+    write_reference(inputs["reference"])
+    for seed, name in enumerate(("student", "baseline")):
+        write_policy(inputs[name] / "policy.safetensors", seed)
+    log = SilentLog()
+    evaluation.run(config, inputs, tmp_path, log)
+    size = (config.evaluation.episodes, config.evaluation.steps)
+    rollouts = load_arrays(tmp_path / "rollouts.npz")
+    for name in ("student", "baseline"):
+        assert rollouts[f"{name}_features"].shape == (*size, 5)
+        assert rollouts[f"{name}_contact"].shape == (*size, 2)
+        upright = rollouts[f"{name}_upright"]
+        np.testing.assert_array_equal(upright, np.logical_and.accumulate(upright, axis=1))
+        assert len(rollouts[f"{name}_states"]) == max(1, upright.sum(axis=1).max())
+    np.testing.assert_array_equal(rollouts["student_states"][0], rollouts["baseline_states"][0])  # the same resets
+    errors, gaits = pd.read_csv(tmp_path / "mse.csv"), pd.read_csv(tmp_path / "gait.csv")
+    assert len(errors) == 12
+    assert list(gaits.walker) == ["teacher", "student", "baseline"]
+    teacher = gaits.set_index("walker").loc["teacher"]
+    assert teacher.stride_frequency_hz == pytest.approx(1.75, rel=0.01)
+    assert teacher.phase_lag_s == pytest.approx(0.0, abs=1e-6)
+    assert (gaits.target_speed_m_per_s == 4.0).all()
+    assert len(log.messages) == 3
+
+
+def test_a_reference_that_does_not_fit_is_refused(smoke_config: Config, tmp_path: Path) -> None:
+    write_reference(tmp_path, dt=1 / 50)
+    with pytest.raises(ArtifactError, match=r"reference.npz: time step 0.02 s, the humanoid's is 0.0333333 s"):
+        evaluation.run(smoke_config, {"reference": tmp_path}, tmp_path, SilentLog())
+    save_arrays(tmp_path / "reference.npz", {"features": np.zeros((10, 5)), "dt": DT})
+    with pytest.raises(ArtifactError, match="no array episode, speed"):
+        evaluation.run(smoke_config, {"reference": tmp_path}, tmp_path, SilentLog())
+    smoke_config.evaluation.window = smoke_config.evaluation.steps + 1
+    with pytest.raises(ConfigurationError, match=r"longer than evaluation\.steps"):
+        evaluation.run(smoke_config, {"reference": tmp_path}, tmp_path, SilentLog())
+
+
+def write_reference(directory: Path, dt: float = DT) -> None:
+    features, contact = run(episodes=3, steps=120, frequency=1.75)
+    arrays = {
+        "features": features.reshape(-1, 5),
+        "episode": np.repeat(np.arange(3, dtype=np.int32), 120),
+        "contact": contact.reshape(-1, 2),
+        "velocity": np.full(360, 4.0),
+        "dt": dt,
+        "speed": 4.0,
+    }
+    save_arrays(directory / "reference.npz", arrays)
+
+
+def write_policy(path: Path, seed: int) -> None:
+    sac = SAC(
+        observation_size=10,
+        action_size=21,
+        hidden_sizes=[8],
+        layer_norm=False,
+        policy_learning_rate=1e-3,
+        critic_learning_rate=1e-3,
+        temperature_learning_rate=1e-3,
+        initial_temperature=0.1,
+        target_entropy_scale=0.5,
+        gamma=0.98,
+        tau=0.01,
+        policy_delay=2,
+        critic_target="mean",
+        policy_average=0.9,
+        seed=seed,
+    )
+    save_policy(path, sac, torch.arange(10), torch.zeros(10), torch.ones(10))
+
+
+def _names(model: mujoco.MjModel) -> list[str]:
+    return [model.actuator(index).name for index in range(model.nu)]
