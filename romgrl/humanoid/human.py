@@ -152,8 +152,8 @@ def _add_geoms(body: mujoco.MjsBody, height: float) -> None:
     look = {"rgba": rgba, "mass": 0.0, "contype": 0, "conaffinity": 0}
     foot, ankle = DE_LEVA["foot"].length * scale, ANKLE_HEIGHT * height
     limbs = {
-        "Hip": ("thigh", 0.065),
-        "Knee": ("shank", 0.047),
+        "Hip": ("thigh", 0.075),
+        "Knee": ("shank", 0.050),
         "Shoulder": ("upper_arm", 0.042),
         "Elbow": ("forearm", 0.034),
     }
@@ -162,7 +162,7 @@ def _add_geoms(body: mujoco.MjsBody, height: float) -> None:
         end = [0, -DE_LEVA[segment].length * scale, 0]
         body.add_geom(type=mujoco.mjtGeom.mjGEOM_CAPSULE, fromto=[0, 0, 0, *end], size=[radius, 0, 0], **look)
     elif limb in ("Head", "Pelvis", "Torso", "Spine", "Chest", "Thorax", "Neck"):
-        centre, size = ([0, 0, 0], [0.30, 0.17, 0.20]) if limb == "Pelvis" else _box(limb, height)
+        centre, size = ([0, 0, 0], [0.31, 0.24, 0.21]) if limb == "Pelvis" else _box(limb, height)
         body.add_geom(type=mujoco.mjtGeom.mjGEOM_ELLIPSOID, pos=centre, size=_rounded(limb, size), **look)
     else:
         centre, size = _box(limb, height)
@@ -183,5 +183,5 @@ def _add_geoms(body: mujoco.MjsBody, height: float) -> None:
 
 def _rounded(limb: str, size: Sequence[float]) -> list[float]:
     """Half axes of an ellipsoid that fills the box and overlaps its neighbours, so that the trunk looks closed."""
-    stretch = {"Torso": 1.5, "Spine": 1.6, "Chest": 1.4, "Neck": 1.5}.get(limb, 1.0)
+    stretch = {"Torso": 2.1, "Spine": 2.2, "Chest": 1.7, "Neck": 1.9}.get(limb, 1.0)
     return [size[0] / 2 * 1.05, size[1] / 2 * stretch, size[2] / 2 * 1.05]
