@@ -81,7 +81,7 @@ def test_replayed_power_is_torque_times_angle() -> None:
     state = np.concatenate((data.qpos, data.qvel))
     action = np.zeros(model.nu)
     assert replay(model, state[None], action[None], 16)[0][0] == 0.0
-    actuator = model.actuator("L_Knee").id if "L_Knee" in _names(model) else 4
+    actuator = model.actuator("L_Knee").id
     action[actuator] = 0.2
     joint = model.jnt_dofadr[model.actuator_trnid[actuator, 0]]
     power, contact = replay(model, state[None], action[None], 16)
@@ -100,8 +100,8 @@ def test_replayed_power_is_torque_times_angle() -> None:
 def test_replayed_contact_of_a_standing_humanoid() -> None:
     model = build()
     states = np.zeros((2, model.nq + model.nv))
-    states[:, 1] = dimensions(model).pelvis_height + np.array([0.0, 0.1])
-    contact = replay(model, states, np.zeros((2, model.nu)), 8)[1]
+    states[:, 1] = dimensions(model).pelvis_height + np.array([-0.005, 0.1])
+    contact = replay(model, states, np.zeros((2, model.nu)), 1)[1]
     np.testing.assert_array_equal(contact, [[True, True], [False, False]])
 
 
@@ -178,7 +178,3 @@ def write_policy(path: Path, seed: int) -> None:
         seed=seed,
     )
     save_policy(path, sac, torch.arange(10), torch.zeros(10), torch.ones(10))
-
-
-def _names(model: mujoco.MjModel) -> list[str]:
-    return [model.actuator(index).name for index in range(model.nu)]
