@@ -25,7 +25,7 @@ class SpringLegParameters:
     mass: float = 71.8
     leg_length: float = 0.865
     foot_radius: float = 0.072
-    foot_mass: float = 0.9
+    foot_mass: float = 0.7
     stiffness: float = 24000.0
     stance_damping: float = 30.0
     swing_damping: float = 140.0
@@ -45,8 +45,8 @@ class SpringLegParameters:
     substeps: int = 16
     velocity_iterations: int = 8
     position_iterations: int = 3
-    reset_hip_angle: tuple[float, float] = (0.25, 0.40)
-    reset_speed: tuple[float, float] = (0.5, 1.1)
+    reset_hip_angle: tuple[float, float] = (0.30, 0.42)
+    reset_speed: tuple[float, float] = (0.8, 1.1)
     observation: Observation = "full"
 
 

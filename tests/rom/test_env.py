@@ -32,7 +32,7 @@ def test_registered_ids() -> None:
 
 
 def test_env_agrees_with_the_vector_env_over_episodes() -> None:
-    worlds, env = SpringLegVectorEnv(num_envs=1, episode_steps=20), SpringLegEnv(episode_steps=20)
+    worlds, env = SpringLegVectorEnv(num_envs=1, episode_steps=15), SpringLegEnv(episode_steps=15)
     expected, _ = worlds.reset(seed=11)
     observation, info = env.reset(seed=11)
     np.testing.assert_array_equal(observation, expected[0])
