@@ -71,7 +71,7 @@ def test_still_feet_are_no_gait() -> None:
 
 def test_sliding_foot_is_refused() -> None:
     gait = dataclasses.replace(runner(), velocity=np.full((EPISODES, STEPS), SPEED + 1.5))
-    with pytest.raises(ArtifactError, match=r"slides: .* 1\.50 m/s, limit 1\.10"):
+    with pytest.raises(ArtifactError, match=r"slides: .* 1\.50 m/s, limit 0\.55"):
         check_reference(gait)
 
 
