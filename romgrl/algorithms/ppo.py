@@ -100,8 +100,7 @@ class Rollout:
 class PPO:
     """Gaussian policy with state-independent spread, and a separate value network.
 
-    `mirror_observation` and `mirror_action` are (permutation, sign) pairs; with them half of each minibatch is
-    replaced by its left-right mirror image.
+    `mirror_observation`, `mirror_action`: (permutation, sign) pairs; with them half of each minibatch is mirrored.
     """
 
     def __init__(
@@ -130,12 +129,10 @@ class PPO:
         self.device = device
         self.generator = torch.Generator(device=device).manual_seed(seed)
         self.spec = {"hidden_sizes": list(hidden_sizes), "activation": activation}
-        self.policy = mlp(observation_size, hidden_sizes, action_size, activation)
-        self.value = mlp(observation_size, hidden_sizes, 1, activation)
+        self.policy = mlp(observation_size, hidden_sizes, action_size, activation).to(device)
+        self.value = mlp(observation_size, hidden_sizes, 1, activation).to(device)
         initialise_orthogonal(self.policy, output_gain=0.01)
         initialise_orthogonal(self.value, output_gain=1.0)
-        self.policy.to(device)
-        self.value.to(device)
         self.log_std = nn.Parameter(torch.full((action_size,), float(initial_log_std), device=device))
         self.parameters = [*self.policy.parameters(), *self.value.parameters(), self.log_std]
         self.learning_rate = learning_rate
@@ -164,10 +161,8 @@ class PPO:
         advantages, returns = self._advantages(rollout)
         unexplained = advantages.var() / (returns.var() + 1e-8)
         advantages = (advantages - advantages.mean()) / (advantages.std() + 1e-8)
-        batch = [
-            tensor.flatten(0, 1)
-            for tensor in (rollout.observations, rollout.actions, rollout.log_probabilities, advantages, returns)
-        ]
+        stored = (rollout.observations, rollout.actions, rollout.log_probabilities)
+        batch = [tensor.flatten(0, 1) for tensor in (*stored, advantages, returns)]
         history = [
             self._update_minibatch(*(tensor[index] for tensor in batch))
             for _ in range(self.epochs)

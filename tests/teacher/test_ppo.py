@@ -119,8 +119,9 @@ def test_clipped_loss_by_hand() -> None:
     # Ratios 1.5, 0.5, 1.5, 0.5, 1.1 with advantages 1, 1, -1, -1, 2 and clip 0.2:
     # min(1.5, 1.2) = 1.2, min(0.5, 0.8) = 0.5, min(-1.5, -1.2) = -1.5, min(-0.5, -0.8) = -0.8, 2.2; mean 0.32.
     ratios = torch.tensor([1.5, 0.5, 1.5, 0.5, 1.1])
-    advantages = torch.tensor([1.0, 1.0, -1.0, -1.0, 2.0])
-    assert clipped_policy_loss(ratios.log(), advantages, 0.2).item() == pytest.approx(-0.32, abs=1e-6)
+    assert clipped_policy_loss(ratios.log(), torch.tensor([1.0, 1.0, -1.0, -1.0, 2.0]), 0.2).item() == pytest.approx(
+        -0.32, abs=1e-6
+    )
 
 
 def test_clipped_loss_stops_the_gradient_beyond_the_clip() -> None:
