@@ -13,14 +13,16 @@ def discriminator_loss(real_logits: Tensor, fake_logits: Tensor, label_smoothing
     """Binary cross-entropy of both streams with labels 1 - smoothing and smoothing, summed as in the paper's L_D."""
     real = F.binary_cross_entropy_with_logits(real_logits, torch.full_like(real_logits, 1 - label_smoothing))
     fake = F.binary_cross_entropy_with_logits(fake_logits, torch.full_like(fake_logits, label_smoothing))
-    return real + fake
+    loss: Tensor = real + fake
+    return loss
 
 
 def gradient_penalty(logits: Callable[[Tensor], Tensor], real: Tensor, fake: Tensor, mix: Tensor) -> Tensor:
     """E (|grad_x logit(x)| - 1)^2 on x = mix real + (1 - mix) fake (WGAN-GP); mix is (B, 1) in [0, 1]."""
     between = (mix * real + (1 - mix) * fake).requires_grad_()
     (gradient,) = torch.autograd.grad(logits(between).sum(), between, create_graph=True)
-    return (gradient.norm(dim=-1) - 1).square().mean()
+    penalty: Tensor = (gradient.norm(dim=-1) - 1).square().mean()
+    return penalty
 
 
 def imitation_reward(logits: Tensor, limit: float | None) -> Tensor:
@@ -94,7 +96,7 @@ class Discriminator:
         mix = torch.rand((len(frames), 1), generator=self.generator, device=frames.device)
         penalty = gradient_penalty(self.logits, real, fake, mix)
         self.optimizer.zero_grad()
-        (loss + self.penalty_weight * penalty).backward()  # type: ignore[no-untyped-call]
+        torch.autograd.backward(loss + self.penalty_weight * penalty)
         gradient_norm = nn.utils.get_total_norm([p.grad for p in self.network.parameters() if p.grad is not None])
         self.optimizer.step()
         self.updates += 1

@@ -7,7 +7,9 @@ from __future__ import annotations
 
 import json
 import math
+from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -34,7 +36,7 @@ class Policy(nn.Module):
     def __init__(self, *, observation_size: int, action_size: int, hidden_sizes: list[int], layer_norm: bool) -> None:
         super().__init__()
         sizes = [observation_size, *hidden_sizes]
-        self.hidden = nn.ModuleList(nn.Linear(i, o) for i, o in zip(sizes[:-1], sizes[1:], strict=True))
+        self.hidden = nn.ModuleList(nn.Linear(i, o) for i, o in pairwise(sizes))
         self.head = nn.Linear(sizes[-1], 2 * action_size)
         self.layer_norm = layer_norm
 
@@ -64,7 +66,7 @@ class TwinCritic(nn.Module):
         self.layer_norm = layer_norm
         self.weights = nn.ParameterList()
         self.biases = nn.ParameterList()
-        for inputs, outputs in zip(sizes[:-1], sizes[1:], strict=True):
+        for inputs, outputs in pairwise(sizes):
             bound = 1 / math.sqrt(inputs)
             self.weights.append(nn.Parameter(torch.empty(2, inputs, outputs).uniform_(-bound, bound)))
             self.biases.append(nn.Parameter(torch.empty(2, 1, outputs).uniform_(-bound, bound)))
@@ -123,8 +125,8 @@ class SAC:
         self.gamma, self.tau, self.policy_delay, self.critic_target = gamma, tau, policy_delay, critic_target
         self.target_entropy = -target_entropy_scale * action_size
         self.policy_average = policy_average
-        network = {"hidden_sizes": hidden_sizes, "layer_norm": layer_norm}
-        self.network = {"observation_size": observation_size, "action_size": action_size, **network}
+        network: dict[str, Any] = {"hidden_sizes": hidden_sizes, "layer_norm": layer_norm}
+        self.network: dict[str, Any] = {"observation_size": observation_size, "action_size": action_size, **network}
         self.policy = Policy(**self.network).to(device)
         self.critic = TwinCritic(input_size=observation_size + action_size, **network).to(device)
         self.target = TwinCritic(input_size=observation_size + action_size, **network).to(device)
@@ -182,7 +184,7 @@ class SAC:
         entropy = -log_probability.detach().mean()
         temperature_loss = self.log_temperature.exp() * (entropy - self.target_entropy)
         self.temperature_optimizer.zero_grad()
-        temperature_loss.backward()
+        torch.autograd.backward(temperature_loss)
         self.temperature_optimizer.step()
         return {"policy_loss": loss.detach(), "entropy": entropy, "temperature": temperature}
 
@@ -193,7 +195,7 @@ class SAC:
 def _step(optimizer: torch.optim.Optimizer, flat: nn.Parameter, loss: Tensor) -> None:
     assert flat.grad is not None
     flat.grad.zero_()
-    loss.backward()  # type: ignore[no-untyped-call]
+    torch.autograd.backward(loss)
     optimizer.step()
 
 

@@ -62,7 +62,7 @@ def reference_windows(
         lean = np.random.default_rng(seed).normal(0.0, trunk_std, (len(starts), 1, 1)).astype(np.float32)
         windows = np.concatenate((windows, np.broadcast_to(lean, (len(starts), window, 1))), axis=-1)
     columns = windows.shape[-1]
-    flat = windows.reshape(len(starts), -1).astype(np.float32)
+    flat: Float32 = windows.reshape(len(starts), -1).astype(np.float32)
     if mirror:
         permutation, sign = window_mirror(columns, window)
         flat = np.stack((flat, flat[:, permutation] * sign), axis=1).reshape(2 * len(starts), -1)

@@ -172,9 +172,7 @@ def frames(model: mujoco.MjModel, states: States, *, width: int = 640, height: i
         return camera.frames(states)
 
 
-def filmstrip(
-    model: mujoco.MjModel, states: States, *, poses: int = 8, width: int = 240, height: int = 360
-) -> Image:
+def filmstrip(model: mujoco.MjModel, states: States, *, poses: int = 8, width: int = 240, height: int = 360) -> Image:
     """`poses` states, evenly spaced over `states` (T, nq or more), side by side in one picture."""
     if len(states) < 1 or poses < 1:
         raise ValueError("a filmstrip needs at least one state and one pose")

@@ -45,8 +45,8 @@ class SpringLegParameters:
     substeps: int = 16
     velocity_iterations: int = 8
     position_iterations: int = 3
-    reset_hip_angle: tuple[float, float] = (0.30, 0.42)
-    reset_speed: tuple[float, float] = (0.8, 1.1)
+    reset_hip_angle: tuple[float, float] = (0.33, 0.42)
+    reset_speed: tuple[float, float] = (0.9, 1.05)
     observation: Observation = "full"
 
 

@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 from torch import Tensor
 
 from romgrl.algorithms.discriminator import Discriminator
@@ -23,9 +22,13 @@ from romgrl.config import Config
 from romgrl.errors import DivergenceError
 from romgrl.gait.windows import FrameWindows, reference_windows, window_mirror
 from romgrl.humanoid import model as humanoid_model
+from romgrl.humanoid.observation import OBSERVATION_SIZE
+from romgrl.humanoid.skeleton import HINGES
+from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 from romgrl.normalizer import RunningNormalizer
 from romgrl.progress import StageLog
 
+ACTION_SIZE = len(HINGES)
 LOG_INTERVAL = 4096
 CHECKPOINT_SECONDS = 60.0
 
@@ -34,7 +37,7 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
     """Train a student (inputs: reference) or, with eta = 1 and no discriminator, a baseline; write its policy."""
     env = make_env(config, num_envs=config.student.num_envs)
     columns = torch.from_numpy(
-        env.compact_columns if config.student.compact_observation else np.arange(env.single_observation_space.shape[0])
+        env.compact_columns if config.student.compact_observation else np.arange(OBSERVATION_SIZE)
     )
     windows = FrameWindows(
         num_envs=env.num_envs,
@@ -93,7 +96,7 @@ def build_learner(
         capacity=student.buffer_size,
         num_envs=env.num_envs,
         observation_size=len(columns),
-        action_size=env.single_action_space.shape[0],
+        action_size=ACTION_SIZE,
         frame_size=frame_columns * window,
         seed=config.seed,
         device=config.device,
@@ -101,7 +104,7 @@ def build_learner(
     )
     sac = SAC(
         observation_size=len(columns),
-        action_size=env.single_action_space.shape[0],
+        action_size=ACTION_SIZE,
         hidden_sizes=list(student.hidden_sizes),
         layer_norm=student.layer_norm,
         policy_learning_rate=student.policy_learning_rate,
@@ -179,7 +182,8 @@ def train(
     observation, info = env.reset(seed=config.seed)
     current = torch.from_numpy(observation).to(device)[:, columns]
     windows.restart(frame(info, trunk, ""))
-    due, metrics, saved = 0.0, {}, time.monotonic()
+    due, saved = 0.0, time.monotonic()
+    metrics: dict[str, Tensor] = {}
     with ThreadPoolExecutor(1) as physics:
         for step in range(0, student.total_steps, env.num_envs):
             action = explore(learner, current, env, random=step < student.learning_starts)
@@ -194,7 +198,9 @@ def train(
                 current,
                 action,
                 following,
-                *(torch.from_numpy(a) for a in (reward, terminated, truncated)),
+                torch.from_numpy(reward),
+                torch.from_numpy(terminated),
+                torch.from_numpy(truncated),
                 torch.from_numpy(windows.push(frame(info, trunk, ""))),
             )
             learner.normalizer.update(following)
@@ -224,7 +230,7 @@ def frame(info: dict[str, NDArray[np.float32]], trunk: bool, prefix: str) -> NDA
 def explore(learner: RomGrl, current: Tensor, env: PlanarHumanoidVectorEnv, *, random: bool) -> Tensor:
     """Actions (N, A) of the exploring policy, uniform ones before learning starts."""
     if random:
-        shape = (env.num_envs, env.single_action_space.shape[0])
+        shape = (env.num_envs, ACTION_SIZE)
         return 2 * torch.rand(shape, generator=learner.sac.generator, device=current.device) - 1
     return learner.sac.act(learner.normalizer.apply_(current.clone()))
 

@@ -110,5 +110,11 @@ def test_window_mirror_is_its_own_inverse() -> None:
 def test_windows_longer_than_every_episode_are_refused() -> None:
     with pytest.raises(ValueError, match="no episode"):
         reference_windows(
-            np.zeros((4, 5), np.float32), np.arange(4, dtype=np.int32), window=2, trunk=False, trunk_std=0, mirror=False, seed=0
+            np.zeros((4, 5), np.float32),
+            np.arange(4, dtype=np.int32),
+            window=2,
+            trunk=False,
+            trunk_std=0,
+            mirror=False,
+            seed=0,
         )

@@ -1,6 +1,7 @@
 """SAC against numbers worked out without it."""
 
 import math
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -70,7 +71,7 @@ def critic_by_hand(critic: TwinCritic, inputs: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("join", "reduce"), [("minimum", np.min), ("mean", np.mean)])
-def test_bellman_target(join: str, reduce) -> None:  # noqa: ANN001
+def test_bellman_target(join: str, reduce: Callable[..., np.ndarray]) -> None:
     """y = r + gamma (1 - terminated) (Q' - alpha log pi), with networks evaluated in numpy."""
     sac = SAC(**{**SETTINGS, "critic_target": join})
     batch, reward = make_batch(), torch.linspace(-1, 1, 16)

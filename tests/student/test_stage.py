@@ -5,26 +5,24 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from hydra import compose, initialize_config_dir
 from numpy.typing import NDArray
 
 from romgrl.algorithms.sac import load_policy
 from romgrl.artifacts import load_tensors, save_arrays
-from romgrl.composition import register_schema, to_config
 from romgrl.config import Config
 from romgrl.errors import DivergenceError
 from romgrl.normalizer import RunningNormalizer
 from romgrl.progress import SilentLog
 from romgrl.stages import student
+from tests.conftest import Composer
 
-CONF = str(Path(__file__).parents[2] / "conf")
 SMALL = ["student.hidden_sizes=[32,32]", "student.num_envs=8", "student.learning_starts=500", "student.batch_size=32"]
 
 
-def configuration(*overrides: str) -> Config:
-    register_schema()
-    with initialize_config_dir(CONF, version_base="1.3"):
-        return to_config(compose("config", ["threads=1", *SMALL, *overrides]))
+@pytest.fixture
+def configuration(compose_config: Composer) -> Composer:
+    """Networks and batches that take seconds."""
+    return lambda *overrides: compose_config("threads=1", *SMALL, *overrides)
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +47,9 @@ def weights(config: Config, inputs: dict[str, Path], output: Path) -> dict[str, 
     return load_tensors(output / "policy.safetensors")[0]
 
 
-def test_same_seed_gives_the_same_weights_after_5000_steps(reference: Path, tmp_path: Path) -> None:
+def test_same_seed_gives_the_same_weights_after_5000_steps(
+    configuration: Composer, reference: Path, tmp_path: Path
+) -> None:
     torch.set_num_threads(1)
     config = configuration("student.total_steps=5000")
     first, second = (weights(config, {"reference": reference}, tmp_path / name) for name in ("a", "b"))
@@ -59,7 +59,7 @@ def test_same_seed_gives_the_same_weights_after_5000_steps(reference: Path, tmp_
     assert not torch.equal(first["policy.head.weight"], other["policy.head.weight"])
 
 
-def test_what_is_logged(reference: Path, tmp_path: Path) -> None:
+def test_what_is_logged(configuration: Composer, reference: Path, tmp_path: Path) -> None:
     log = SilentLog()
     student.run(configuration("student.total_steps=4096"), {"reference": reference}, tmp_path, log)
     (step, values), *_ = log.rows
@@ -71,7 +71,7 @@ def test_what_is_logged(reference: Path, tmp_path: Path) -> None:
     assert 0 <= values["fall_share"] <= 1
 
 
-def test_the_baseline_knows_no_discriminator(tmp_path: Path) -> None:
+def test_the_baseline_knows_no_discriminator(configuration: Composer, tmp_path: Path) -> None:
     log = SilentLog()
     student.run(configuration("student.total_steps=4096", "discriminator=none", "eta=1"), {}, tmp_path, log)
     assert not [name for name in log.rows[-1][1] if name.startswith(("discriminator", "imitation"))]
@@ -80,7 +80,9 @@ def test_the_baseline_knows_no_discriminator(tmp_path: Path) -> None:
     assert np.abs(action).max() <= 1
 
 
-def test_an_interrupted_training_leaves_its_policy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_interrupted_training_leaves_its_policy(
+    configuration: Composer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def interrupt(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
@@ -116,7 +118,7 @@ def test_running_normalizer_equals_the_moments_of_all_it_saw() -> None:
     np.testing.assert_allclose(standardised.std(0, correction=0), 1, rtol=1e-4)
 
 
-def test_the_moment_the_discriminator_stops_is_logged(reference: Path, tmp_path: Path) -> None:
+def test_the_moment_the_discriminator_stops_is_logged(configuration: Composer, reference: Path, tmp_path: Path) -> None:
     log = SilentLog()
     still = ["discriminator.patience=2", "discriminator.learning_rate=1e-30", "student.updates_per_step=0.3"]
     student.run(configuration("student.total_steps=4096", *still), {"reference": reference}, tmp_path, log)
