@@ -216,8 +216,8 @@ def save_policy(
     path: Path, sac: SAC, columns: Tensor, mean: Tensor, scale: Tensor, metadata: dict[str, str] | None = None
 ) -> None:
     """Write the averaged policy with the columns it reads and their normalisation (safetensors)."""
-    tensors = {f"policy.{name}": value.detach().clone() for name, value in sac.average.state_dict().items()}
-    tensors |= {"columns": columns, "observation_mean": mean, "observation_scale": scale}
+    tensors = {f"policy.{name}": value.detach().cpu().clone() for name, value in sac.average.state_dict().items()}
+    tensors |= {"columns": columns.cpu(), "observation_mean": mean.cpu(), "observation_scale": scale.cpu()}
     save_tensors(path, tensors, {"network": json.dumps(sac.network), **(metadata or {})})
 
 

@@ -27,6 +27,9 @@ from romgrl.humanoid.skeleton import HINGES
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 from romgrl.normalizer import RunningNormalizer
 from romgrl.progress import StageLog
+from romgrl.stages.tally import EpisodeTally
+
+ArrayMirror = tuple[NDArray[np.int64], NDArray[np.float32]]
 
 ACTION_SIZE = len(HINGES)
 LOG_INTERVAL = 4096
@@ -89,9 +92,9 @@ def build_learner(
     frame_columns, window = windows.frames.shape[2], windows.frames.shape[1]
     mirrors: dict[str, Mirror | None] = {"observation": None, "action": None, "frames": None}
     if student.mirror:
-        mirrors["observation"] = compact_mirror(env.mirror_observation, columns)
-        mirrors["action"] = to_tensors(env.mirror_action)
-        mirrors["frames"] = to_tensors(window_mirror(frame_columns, window))
+        mirrors["observation"] = on_device(compact_mirror(env.mirror_observation, columns), config.device)
+        mirrors["action"] = on_device(env.mirror_action, config.device)
+        mirrors["frames"] = on_device(window_mirror(frame_columns, window), config.device)
     buffer = ReplayBuffer(
         capacity=student.buffer_size,
         num_envs=env.num_envs,
@@ -235,7 +238,7 @@ def explore(learner: RomGrl, current: Tensor, env: PlanarHumanoidVectorEnv, *, r
     return learner.sac.act(learner.normalizer.apply_(current.clone()))
 
 
-def compact_mirror(mirror: tuple[NDArray[np.int64], NDArray[np.float32]], columns: Tensor) -> Mirror:
+def compact_mirror(mirror: ArrayMirror, columns: Tensor) -> ArrayMirror:
     """Mirror of the kept columns only; they mirror among themselves, or ValueError."""
     permutation, sign = mirror
     place = {int(column): i for i, column in enumerate(columns)}
@@ -243,12 +246,12 @@ def compact_mirror(mirror: tuple[NDArray[np.int64], NDArray[np.float32]], column
         kept = [place[int(permutation[column])] for column in place]
     except KeyError as missing:
         raise ValueError(f"observation column {missing} is dropped, but its mirror image is kept") from missing
-    return torch.tensor(kept), torch.from_numpy(sign)[columns]
+    return np.array(kept), sign[columns.numpy()]
 
 
-def to_tensors(mirror: tuple[NDArray[np.int64], NDArray[np.float32]]) -> Mirror:
+def on_device(mirror: ArrayMirror, device: str) -> Mirror:
     """A mirror as tensors."""
-    return torch.from_numpy(mirror[0]), torch.from_numpy(mirror[1])
+    return torch.from_numpy(mirror[0]).to(device), torch.from_numpy(mirror[1]).to(device)
 
 
 def check_finite(values: Mapping[str, float], step: int) -> None:
@@ -256,44 +259,3 @@ def check_finite(values: Mapping[str, float], step: int) -> None:
     broken = [f"{name} = {value}" for name, value in values.items() if not math.isfinite(value)]
     if broken:
         raise DivergenceError(f"student: {', '.join(broken)} at step {step}; the last checkpoint is kept")
-
-
-class EpisodeTally:
-    """Sums over the steps since the last `take`."""
-
-    def __init__(self, num_envs: int, control_frequency: float) -> None:
-        self.length = np.zeros(num_envs)
-        self.control_frequency = control_frequency
-        self._clear()
-
-    def _clear(self) -> None:
-        self.steps = self.episodes = self.falls = self.diverged = 0
-        self.speed = self.lean = self.finished_length = 0.0
-
-    def add(
-        self, info: Mapping[str, NDArray[np.float32]], terminated: NDArray[np.bool_], finished: NDArray[np.bool_]
-    ) -> None:
-        """Take in one step of all environments."""
-        self.length += 1
-        self.steps += 1
-        self.speed += float(info["forward_velocity"].mean())
-        self.lean += float(info["trunk_lean"].mean())
-        self.diverged += int(info["diverged"].sum())
-        if finished.any():
-            self.episodes += int(finished.sum())
-            self.falls += int(terminated.sum())
-            self.finished_length += float(self.length[finished].sum())
-            self.length[finished] = 0
-
-    def take(self) -> dict[str, float]:
-        """Means since the last call."""
-        episodes = max(1, self.episodes)
-        values = {
-            "speed": self.speed / max(1, self.steps),
-            "trunk_lean_degrees": math.degrees(self.lean / max(1, self.steps)),
-            "episode_seconds": self.finished_length / episodes / self.control_frequency,
-            "fall_share": self.falls / episodes,
-            "diverged": float(self.diverged),
-        }
-        self._clear()
-        return values

@@ -1,0 +1,50 @@
+"""What the humanoids did while the student learned."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+class EpisodeTally:
+    """Sums over the steps since the last `take`."""
+
+    def __init__(self, num_envs: int, control_frequency: float) -> None:
+        self.length = np.zeros(num_envs)
+        self.control_frequency = control_frequency
+        self._clear()
+
+    def _clear(self) -> None:
+        self.steps = self.episodes = self.falls = self.diverged = 0
+        self.speed = self.lean = self.finished_length = 0.0
+
+    def add(
+        self, info: Mapping[str, NDArray[np.float32]], terminated: NDArray[np.bool_], finished: NDArray[np.bool_]
+    ) -> None:
+        """Take in one step of all environments."""
+        self.length += 1
+        self.steps += 1
+        self.speed += float(info["forward_velocity"].mean())
+        self.lean += float(info["trunk_lean"].mean())
+        self.diverged += int(info["diverged"].sum())
+        if finished.any():
+            self.episodes += int(finished.sum())
+            self.falls += int(terminated.sum())
+            self.finished_length += float(self.length[finished].sum())
+            self.length[finished] = 0
+
+    def take(self) -> dict[str, float]:
+        """Means since the last call."""
+        episodes = max(1, self.episodes)
+        values = {
+            "speed": self.speed / max(1, self.steps),
+            "trunk_lean_degrees": math.degrees(self.lean / max(1, self.steps)),
+            "episode_seconds": self.finished_length / episodes / self.control_frequency,
+            "fall_share": self.falls / episodes,
+            "diverged": float(self.diverged),
+        }
+        self._clear()
+        return values
