@@ -38,6 +38,15 @@ class RomGrl:
             metrics |= shares | self.sac.update(batch, reward)
         return metrics
 
+    def scale_learning_rates(self, scale: float) -> None:
+        """Set every learning rate to its configured value times `scale`."""
+        optimizers = [self.sac.policy_optimizer, self.sac.critic_optimizer, self.sac.temperature_optimizer]
+        if self.discriminator is not None:
+            optimizers.append(self.discriminator.optimizer)
+        for optimizer in optimizers:
+            for group in optimizer.param_groups:
+                group["lr"] = scale * group.setdefault("initial_lr", group["lr"])
+
     def counts(self) -> dict[str, float]:
         """How often each part was updated, and whether the discriminator has stopped (paper section 4.1.3)."""
         counts = {"updates": float(self.sac.updates)}

@@ -193,6 +193,8 @@ def train(
             stepping = physics.submit(env.step, action.cpu().numpy())
             if step >= student.learning_starts:
                 due += student.updates_per_step * env.num_envs
+                if student.learning_rate_decay:
+                    learner.scale_learning_rates(min(1.0, 2 * (1 - step / student.total_steps)))
                 metrics |= learner.update(int(due)) if due >= 1 else {}
                 due -= int(due)
             observation, reward, terminated, truncated, info = stepping.result()

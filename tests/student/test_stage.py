@@ -7,6 +7,7 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
+from romgrl.algorithms.rom_grl import RomGrl
 from romgrl.algorithms.sac import load_policy
 from romgrl.artifacts import load_tensors, save_arrays
 from romgrl.config import Config
@@ -126,3 +127,30 @@ def test_the_moment_the_discriminator_stops_is_logged(configuration: Composer, r
     assert values["discriminator_stopped"] == 1.0
     assert values["discriminator_updates"] < values["updates"] / 5
     assert [text for text in log.messages if "the discriminator stopped at step" in text]
+
+
+def test_learning_rates_fall_to_zero_over_the_second_half(
+    configuration: Composer, reference: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    learners: list[RomGrl] = []
+    scales: list[float] = []
+    build, scale = student.build_learner, RomGrl.scale_learning_rates
+
+    def remember(learner: RomGrl, value: float) -> None:
+        scales.append(value)
+        scale(learner, value)
+
+    monkeypatch.setattr(student, "build_learner", lambda *a: learners.append(build(*a)) or learners[-1])
+    monkeypatch.setattr(RomGrl, "scale_learning_rates", remember)
+    config = configuration("student.total_steps=2000", "student.learning_rate_decay=true")
+    student.run(config, {"reference": reference}, tmp_path, SilentLog())
+    assert scales[0] == 1.0
+    np.testing.assert_allclose(scales[-1], 2 * 8 / 2000)
+    (learner,) = learners
+    assert learner.discriminator is not None
+    for optimizer, rate in (
+        (learner.sac.policy_optimizer, config.student.policy_learning_rate),
+        (learner.sac.critic_optimizer, config.student.critic_learning_rate),
+        (learner.discriminator.optimizer, config.discriminator.learning_rate),
+    ):
+        assert optimizer.param_groups[0]["lr"] == pytest.approx(rate * scales[-1])
