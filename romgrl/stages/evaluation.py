@@ -21,7 +21,7 @@ from romgrl.gait.metrics import describe
 from romgrl.humanoid.replay import replay
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 from romgrl.progress import StageLog
-from romgrl.stages.student import make_env
+from romgrl.stages.walkers import humanoid_env
 
 WALKERS = ("student", "baseline")
 SEED_OFFSET = 30_000  # resets that no training has drawn
@@ -37,7 +37,7 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
         )
     path = inputs["reference"] / "reference.npz"
     reference = load_arrays(path)
-    env = make_env(config, num_envs=evaluation.episodes, episode_steps=evaluation.steps + 1)
+    env = humanoid_env(config, num_envs=evaluation.episodes, episode_steps=evaluation.steps + 1)
     check_reference_fits(path, reference, env.control_step)
     total = len(WALKERS) * evaluation.steps
     rollouts: dict[str, Any] = {"dt": env.control_step}

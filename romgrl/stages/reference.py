@@ -15,7 +15,8 @@ from romgrl.errors import ArtifactError
 from romgrl.gait.features import Gait
 from romgrl.gait.reference import check_reference
 from romgrl.progress import StageLog
-from romgrl.stages.teacher import make_env, record
+from romgrl.stages.teacher import record
+from romgrl.stages.walkers import rom_env
 
 
 def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog) -> None:
@@ -26,7 +27,7 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
     reference = config.reference
     kept = math.ceil(reference.steps / reference.episodes)
     steps = reference.warmup_steps + kept
-    env = make_env(config, num_envs=reference.episodes, episode_steps=steps + 1)
+    env = rom_env(config, num_envs=reference.episodes, episode_steps=steps + 1)
     gait = record(env, load_policy(inputs["teacher"] / "policy.safetensors"), steps=steps, seed=config.seed + 20_000)
     env.close()
     gait.valid[:, : reference.warmup_steps] = False

@@ -15,11 +15,11 @@ from romgrl.artifacts import MANIFEST, load_arrays, read_manifest
 from romgrl.config import Config
 from romgrl.gait.alignment import align, last_windows
 from romgrl.gait.features import Gait, gait_from_reference, gait_from_rollouts
-from romgrl.humanoid import model as humanoid_model
 from romgrl.humanoid.rendering import RenderingError, SideCamera
 from romgrl.progress import StageLog
 from romgrl.report import document, figures, film, tables
 from romgrl.report.style import save
+from romgrl.stages.walkers import humanoid_model
 
 WALKERS = ("student", "baseline")
 POSES = 8
@@ -35,7 +35,7 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
     states = {name: rollouts[f"{name}_states"] for name in WALKERS}
     rates = dict(zip(gaits.walker, gaits.stride_frequency_hz, strict=True))
     dt = float(rollouts["dt"])
-    model = build_model(config)
+    model = humanoid_model(config)
     camera = open_camera(model, log)
     try:
         pictures["filmstrip"] = filmstrip(model, camera, states, rates, dt)
@@ -88,19 +88,6 @@ def typical_pair(gait: Gait, teacher: Gait, window: int) -> figures.Pair | None:
         teacher=pairs.matched[chosen],
         velocity=_speeds(gait, int(upright[chosen]), slice(-window, None), window),
         teacher_velocity=_speeds(teacher, int(episode), slice(start, start + window), window),
-    )
-
-
-def build_model(config: Config) -> Any:
-    """The humanoid of the configuration, for pictures."""
-    humanoid = config.humanoid
-    return humanoid_model.build(
-        xml=humanoid.xml,
-        actuation=humanoid.actuation,
-        height=humanoid.height,
-        mass=humanoid.mass,
-        control_frequency=humanoid.control_frequency,
-        substeps=humanoid.substeps,
     )
 
 

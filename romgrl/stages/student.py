@@ -21,13 +21,13 @@ from romgrl.buffers import Mirror, ReplayBuffer
 from romgrl.config import Config
 from romgrl.errors import DivergenceError
 from romgrl.gait.windows import FrameWindows, reference_windows, window_mirror
-from romgrl.humanoid import model as humanoid_model
 from romgrl.humanoid.observation import OBSERVATION_SIZE
 from romgrl.humanoid.skeleton import HINGES
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 from romgrl.normalizer import RunningNormalizer
 from romgrl.progress import StageLog
 from romgrl.stages.tally import EpisodeTally
+from romgrl.stages.walkers import humanoid_env
 
 ArrayMirror = tuple[NDArray[np.int64], NDArray[np.float32]]
 
@@ -38,7 +38,7 @@ CHECKPOINT_SECONDS = 60.0
 
 def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog) -> None:
     """Train a student (inputs: reference) or, with eta = 1 and no discriminator, a baseline; write its policy."""
-    env = make_env(config, num_envs=config.student.num_envs)
+    env = humanoid_env(config, num_envs=config.student.num_envs)
     columns = torch.from_numpy(
         env.compact_columns if config.student.compact_observation else np.arange(OBSERVATION_SIZE)
     )
@@ -56,32 +56,6 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
         train(config, env, columns, windows, learner, log, save)
     finally:
         save()
-
-
-def make_env(config: Config, num_envs: int, *, episode_steps: int | None = None) -> PlanarHumanoidVectorEnv:
-    """The humanoid of the configuration, `num_envs` times; episode_steps: None for the configuration's."""
-    humanoid = config.humanoid
-    model = humanoid_model.build(
-        xml=humanoid.xml,
-        actuation=humanoid.actuation,
-        height=humanoid.height,
-        mass=humanoid.mass,
-        control_frequency=humanoid.control_frequency,
-        substeps=humanoid.substeps,
-    )
-    return PlanarHumanoidVectorEnv(
-        model=model,
-        num_envs=num_envs,
-        speed=config.speed,
-        alpha=config.student.alpha,
-        episode_steps=episode_steps or humanoid.episode_steps,
-        reset_speed=tuple(humanoid.reset_speed),
-        fall_pelvis_height=humanoid.fall_pelvis_height,
-        fall_head_height=humanoid.fall_head_height,
-        fall_trunk_lean=humanoid.fall_trunk_lean,
-        control_frequency=humanoid.control_frequency,
-        num_threads=config.threads,
-    )
 
 
 def build_learner(

@@ -7,7 +7,7 @@ import math
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import torch
@@ -19,11 +19,10 @@ from romgrl.config import Config
 from romgrl.errors import DivergenceError
 from romgrl.gait.features import LEFT_X, RIGHT_X, Gait, until_first_fall
 from romgrl.gait.metrics import describe
-from romgrl.humanoid import model as humanoid_model
 from romgrl.networks import all_finite
 from romgrl.progress import StageLog
-from romgrl.rom.parameters import Reward, SpringLegParameters
 from romgrl.rom.vector_env import SpringLegVectorEnv
+from romgrl.stages.walkers import rom_env
 
 CHECK_EPISODES, CHECK_STEPS = 100, 300
 CHECKPOINT_SECONDS = 30.0
@@ -32,7 +31,7 @@ CHECKPOINT_SECONDS = 30.0
 def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog) -> None:
     """Train the teacher; write policy.safetensors, curve.csv (through `log`) and gait.csv of the finished policy."""
     teacher = config.teacher
-    env = make_env(config, num_envs=teacher.num_envs, episode_steps=teacher.episode_steps)
+    env = rom_env(config, num_envs=teacher.num_envs, episode_steps=teacher.episode_steps)
     ppo = PPO(
         observation_size=flatdim(env.single_observation_space),
         action_size=flatdim(env.single_action_space),
@@ -167,7 +166,7 @@ class EpisodeTally:
 
 def check_gait(config: Config, policy: DeterministicPolicy) -> Gait:
     """CHECK_EPISODES x CHECK_STEPS of the finished policy, from resets that the training did not see."""
-    env = make_env(config, num_envs=CHECK_EPISODES, episode_steps=CHECK_STEPS + 1)
+    env = rom_env(config, num_envs=CHECK_EPISODES, episode_steps=CHECK_STEPS + 1)
     return record(env, policy, steps=CHECK_STEPS, seed=config.seed + 10_000)
 
 
@@ -184,38 +183,6 @@ def record(env: SpringLegVectorEnv, policy: DeterministicPolicy, *, steps: int, 
         contact[:, step], upright[:, step] = info["contact"], ~terminated
     valid = until_first_fall(upright)
     return Gait(features, valid, ~valid[:, -1], env.dt, velocity=velocity, contact=contact)
-
-
-def make_env(config: Config, *, num_envs: int, episode_steps: int) -> SpringLegVectorEnv:
-    """The reduced-order model of the configuration, `num_envs` times."""
-    return SpringLegVectorEnv(
-        parameters=rom_parameters(config),
-        num_envs=num_envs,
-        speed=config.teacher.speed,
-        control_frequency=config.humanoid.control_frequency,
-        episode_steps=episode_steps,
-        reward=cast(Reward, config.teacher.reward),
-        alpha=config.teacher.alpha,
-        num_threads=config.threads,
-    )
-
-
-def rom_parameters(config: Config) -> SpringLegParameters:
-    """Parameters of the reduced-order model; those that are null come from the humanoid (design of the features)."""
-    humanoid = config.humanoid
-    model = humanoid_model.build(
-        xml=humanoid.xml,
-        actuation=humanoid.actuation,
-        height=humanoid.height,
-        mass=humanoid.mass,
-        control_frequency=humanoid.control_frequency,
-        substeps=humanoid.substeps,
-    )
-    sizes = humanoid_model.dimensions(model)
-    values = {name: value for name, value in vars(config.rom).items() if name != "name"}
-    defaults = {"mass": sizes.mass, "leg_length": sizes.leg_length, "foot_radius": sizes.ankle_height}
-    values |= {name: value for name, value in defaults.items() if values[name] is None}
-    return SpringLegParameters(**values)
 
 
 def write_row(path: Path, row: Mapping[str, float | str]) -> None:

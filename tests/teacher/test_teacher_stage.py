@@ -15,6 +15,7 @@ from romgrl.config import Config
 from romgrl.errors import ArtifactError, DivergenceError
 from romgrl.progress import SilentLog
 from romgrl.stages import reference, teacher
+from romgrl.stages.walkers import rom_parameters
 from tests.conftest import Composer
 
 SMALL = (
@@ -107,13 +108,13 @@ def test_reference_of_an_untrained_teacher_is_refused(compose_config: Composer, 
 
 def test_null_dimensions_come_from_the_humanoid(compose_config: Composer) -> None:
     config = compose_config()
-    parameters = teacher.rom_parameters(config)
+    parameters = rom_parameters(config)
     taller = dataclasses.replace(config, humanoid=dataclasses.replace(config.humanoid, height=1.9, mass=90.0))
-    assert teacher.rom_parameters(taller).mass == pytest.approx(90.0, abs=0.01)
-    assert teacher.rom_parameters(taller).leg_length > parameters.leg_length + 0.05
+    assert rom_parameters(taller).mass == pytest.approx(90.0, abs=0.01)
+    assert rom_parameters(taller).leg_length > parameters.leg_length + 0.05
     assert parameters.foot_radius == pytest.approx(0.07, abs=0.03)
     own = dataclasses.replace(config, rom=dataclasses.replace(config.rom, leg_length=1.0))
-    assert teacher.rom_parameters(own).leg_length == 1.0
+    assert rom_parameters(own).leg_length == 1.0
 
 
 @pytest.mark.slow
