@@ -88,7 +88,7 @@ def resolve(config: Config) -> Config:
 
 
 def prepare(config: Config) -> None:
-    """Seed torch and numpy and set torch's threads and rounding; the same before every stage, whatever ran before it."""
+    """Seed torch and numpy and set torch's threads and rounding, the same before every stage."""
     import numpy as np
     import torch
 
