@@ -39,11 +39,8 @@ class RomGrl:
         return metrics
 
     def scale_learning_rates(self, scale: float) -> None:
-        """Set every learning rate to its configured value times `scale`."""
-        optimizers = [self.sac.policy_optimizer, self.sac.critic_optimizer, self.sac.temperature_optimizer]
-        if self.discriminator is not None:
-            optimizers.append(self.discriminator.optimizer)
-        for optimizer in optimizers:
+        """Set the agent's learning rates to their configured values times `scale`; the discriminator keeps its own."""
+        for optimizer in (self.sac.policy_optimizer, self.sac.critic_optimizer, self.sac.temperature_optimizer):
             for group in optimizer.param_groups:
                 group["lr"] = scale * group.setdefault("initial_lr", group["lr"])
 
