@@ -104,6 +104,14 @@ def cost_of_transport(power: Floats, velocity: Floats, mass: float, valid: Bools
     return _masked_mean(power, valid) / (mass * GRAVITY * speed) if speed > 1e-3 else float("nan")
 
 
+def steady_steps(valid: Bools, dt: float) -> Bools:
+    """The valid steps (E, T) without the first SETTLING_TIME of each episode, at most half of T: a walker that starts
+    from a reset speeds up there, the reference does not. All valid steps where no episode lasts as long."""
+    steady = valid.copy()
+    steady[:, : min(round(SETTLING_TIME / dt), valid.shape[1] // 2)] = False
+    return steady if steady.any() else valid
+
+
 def infer_contact(features: Floats, velocity: Floats, dt: float, valid: Bools | None = None) -> Bools:
     """Feet on the ground, guessed from motion alone: the ankle is low and nearly still over the ground.
 
@@ -178,9 +186,13 @@ def phase_lag(windows: Floats, reference_windows: Floats, dt: float, rate: float
 
 
 def describe(gait: Gait, *, target_speed: float, mass: float | None = None) -> dict[str, float]:
-    """One row of gait.csv: every metric of this file that the recording allows, nan elsewhere; names carry units."""
+    """One row of gait.csv: every metric of this file that the recording allows, nan elsewhere; names carry units.
+
+    Mean speed and its error count from the reset, everything else the steady part (`steady_steps`).
+    """
     nan = float("nan")
-    features, valid, dt = gait.features, gait.valid, gait.dt
+    features, dt = gait.features, gait.dt
+    valid = steady_steps(gait.valid, dt)
     row: dict[str, float] = {
         "episodes": len(features),
         "falls": int(gait.fallen.sum()),
@@ -189,11 +201,10 @@ def describe(gait: Gait, *, target_speed: float, mass: float | None = None) -> d
     speed = steady = error = cost = duty = phase = nan
     contact = gait.contact
     if gait.velocity is not None:
-        skip = min(round(SETTLING_TIME / dt), features.shape[1] // 2)
-        speed, steady = mean_speed(gait.velocity, valid), mean_speed(gait.velocity, valid, skip)
+        speed, steady = mean_speed(gait.velocity, gait.valid), mean_speed(gait.velocity, valid)
         error = 100.0 * abs(speed - target_speed) / target_speed if target_speed > 0 else nan
         if contact is None:
-            contact = infer_contact(features, gait.velocity, dt, valid)
+            contact = infer_contact(features, gait.velocity, dt, gait.valid)
         if gait.power is not None and mass is not None:
             cost = cost_of_transport(gait.power, gait.velocity, mass, valid)
     if contact is not None:
