@@ -19,6 +19,8 @@ from romgrl.humanoid.skeleton import HINGES, mirror_action, mirror_observation
 
 Float32 = NDArray[np.float32]
 
+_METADATA = {"render_modes": ["rgb_array"], "render_fps": round(CONTROL_FREQUENCY)}
+
 
 class PlanarHumanoidEnv(gym.Env[Float32, Float32]):
     """The same task as `PlanarHumanoidVectorEnv`, bit for bit, for one humanoid and without autoreset.
@@ -26,6 +28,8 @@ class PlanarHumanoidEnv(gym.Env[Float32, Float32]):
     The arguments are those of the vector environment. `info` has `features` (5,), `forward_velocity`, `trunk_lean`
     and `diverged`; observations are float32 (358,), actions (21,) in [-1, 1].
     """
+
+    metadata = _METADATA
 
     def __init__(
         self,
@@ -55,7 +59,7 @@ class PlanarHumanoidEnv(gym.Env[Float32, Float32]):
         )
         self.dimensions = dimensions(self.model)
         self.substeps, self.control_step = self.task.substeps, self.task.control_step
-        self.metadata = {"render_modes": ["rgb_array"], "render_fps": round(control_frequency)}
+        self.metadata = _METADATA | {"render_fps": round(control_frequency)}
         self.render_mode = render_mode
         self.compact_columns = varying_columns(self.model)
         self.mirror_observation, self.mirror_action = mirror_observation(), mirror_action()

@@ -1,9 +1,11 @@
-"""Ten thousand control steps with random actions, and machines that cannot draw."""
+"""Ten thousand control steps with random actions, render modes, and machines that cannot draw."""
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
@@ -42,3 +44,11 @@ def test_no_opengl_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(RenderingError, match="MUJOCO_GL") as error:
         filmstrip(build(), np.zeros((2, 48)))
     assert "\n" not in str(error.value)
+
+
+def test_gymnasium_knows_the_render_mode() -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        env = gym.make("romgrl/PlanarHumanoid-v0", render_mode="rgb_array", control_frequency=60.0)
+    assert env.metadata["render_modes"] == ["rgb_array"]
+    assert env.unwrapped.metadata["render_fps"] == 60
