@@ -27,14 +27,14 @@ def falls(upright: Bools) -> int:
     return int((~upright.all(axis=1)).sum())
 
 
-def mean_speed(velocity: Floats, valid: Bools | None = None, skip: int = 0) -> float:
-    """Mean forward speed over all valid steps after the first `skip` of each episode, m/s."""
-    return _masked_mean(velocity, valid, skip)
+def mean_speed(velocity: Floats, valid: Bools | None = None) -> float:
+    """Mean forward speed over all valid steps, m/s."""
+    return _masked_mean(velocity, valid)
 
 
-def speed_error(velocity: Floats, target: float, valid: Bools | None = None, skip: int = 0) -> float:
+def speed_error(velocity: Floats, target: float, valid: Bools | None = None) -> float:
     """Mean of |v - target| over the valid steps, m/s."""
-    return _masked_mean(np.abs(velocity - target), valid, skip)
+    return _masked_mean(np.abs(velocity - target), valid)
 
 
 def stride_frequency(features: Floats, dt: float, valid: Bools | None = None) -> float:
@@ -232,9 +232,8 @@ def _episodes(values: NDArray[Scalar], valid: Bools | None) -> Iterator[NDArray[
         yield episode if valid is None else episode[valid[index]]
 
 
-def _masked_mean(values: Floats, valid: Bools | None, skip: int = 0) -> float:
-    mask = np.ones(values.shape, bool) if valid is None else valid.copy()
-    mask[:, :skip] = False
+def _masked_mean(values: Floats, valid: Bools | None) -> float:
+    mask = np.ones(values.shape, bool) if valid is None else valid
     return float(values[mask].mean()) if mask.any() else float("nan")
 
 

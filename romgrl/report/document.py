@@ -17,8 +17,8 @@ NUMBERS = {
     "teacher floor": "the same error of the teacher's episodes against its other episodes",
     "reduction": "100 (1 - student / baseline); the average is the mean of the five reductions, as in the paper",
     "falls": "episodes that ended before {steps} steps by a fall; what follows a fall counts nowhere",
-    "mean speed": "over all steps from the reset, which starts slower than the target; steady speed and every number "
-    "below it: from 2 s on",
+    "mean speed": "over all steps from the reset, which starts slower than the target, and so its error; steady speed "
+    "and all numbers of the gait: from 2 s on",
     "stride frequency": "forward swings of each foot per second, median over episodes",
     "duty factor": "share of a stride that a foot touches the ground, from the contacts; below 0.5 it is a run",
     "left right correlation": "Pearson correlation of both feet's x: -1 alternates, +1 hops",
@@ -27,8 +27,8 @@ NUMBERS = {
     "pelvis excursion": "highest minus lowest pelvis within a stride",
     "trunk lean": "of the line from pelvis to neck against the vertical, forward positive",
     "cost of transport": "sum over joints of |torque x angular velocity| / (m g v)",
-    "phase lag": "time shift of each foot's x that is left after the common alignment, mean of its absolute value; says "
-    "little where the stride frequencies differ",
+    "phase lag": "time shift of each foot's x that is left after the common alignment, mean of its absolute value; "
+    "says little where the stride frequencies differ",
 }
 
 
@@ -76,7 +76,7 @@ def headline(errors: pd.DataFrame, gaits: pd.DataFrame) -> str:
     rows = gaits.set_index("walker")
     said = [
         f"{name} upright in {row.episodes - row.falls:.0f} of {row.episodes:.0f} episodes at "
-        f"{row.mean_speed_m_per_s:.2f} m/s with a trunk lean of {row.trunk_lean_deg:.0f} degrees"
+        f"{row.steady_speed_m_per_s:.2f} m/s with a trunk lean of {row.trunk_lean_deg:.0f} degrees"
         for name, row in rows.loc[["student", "baseline"]].iterrows()
     ]
     walkers = f"{said[0].capitalize()}; {said[1]}."

@@ -127,3 +127,23 @@ def test_describe_names_every_column_with_its_unit() -> None:
     bare = metrics.describe(Gait(features, ones > 0, np.zeros(8, bool), DT), target_speed=4.0)
     assert np.isnan(bare["mean_speed_m_per_s"])
     assert np.isfinite(bare["stride_frequency_hz"])
+
+
+def test_the_start_from_a_reset_does_not_count_as_gait() -> None:
+    features, _ = run(frequency=1.5, episodes=4)
+    settled = features.copy()
+    features[:, :60, 1:] += np.linspace(3.0, 0.0, 60)[:, None]  # 2 s in which both feet drift together
+    valid = np.ones(features.shape[:2], bool)
+    velocity = np.where(np.arange(300) < 60, 1.0, 4.0) * np.ones((4, 1))
+    row = metrics.describe(Gait(features, valid, np.zeros(4, bool), DT, velocity), target_speed=4.0)
+    assert row["left_right_correlation"] == pytest.approx(metrics.left_right_correlation(settled[:, 60:]))
+    assert metrics.left_right_correlation(features) > -0.5
+    assert row["mean_speed_m_per_s"] == pytest.approx(3.4)
+    assert row["steady_speed_m_per_s"] == pytest.approx(4.0)
+
+
+def test_episodes_that_fall_early_are_described_whole() -> None:
+    valid = np.arange(300) < np.array([[20], [40]])
+    np.testing.assert_array_equal(metrics.steady_steps(valid, DT), valid)
+    valid[0] = True
+    assert metrics.steady_steps(valid, DT).sum(axis=1).tolist() == [240, 0]
