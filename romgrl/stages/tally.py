@@ -15,6 +15,7 @@ class EpisodeTally:
     def __init__(self, num_envs: int, control_frequency: float) -> None:
         self.length = np.zeros(num_envs)
         self.control_frequency = control_frequency
+        self.episode_seconds = self.fall_share = 0.0
         self._clear()
 
     def _clear(self) -> None:
@@ -37,13 +38,15 @@ class EpisodeTally:
             self.length[finished] = 0
 
     def take(self) -> dict[str, float]:
-        """Means since the last call."""
-        episodes = max(1, self.episodes)
+        """Means since the last call; of the last finished episodes where none has finished since."""
+        if self.episodes:
+            self.episode_seconds = self.finished_length / self.episodes / self.control_frequency
+            self.fall_share = self.falls / self.episodes
         values = {
             "speed": self.speed / max(1, self.steps),
             "trunk_lean_degrees": math.degrees(self.lean / max(1, self.steps)),
-            "episode_seconds": self.finished_length / episodes / self.control_frequency,
-            "fall_share": self.falls / episodes,
+            "episode_seconds": self.episode_seconds,
+            "fall_share": self.fall_share,
             "diverged": float(self.diverged),
         }
         self._clear()

@@ -15,6 +15,7 @@ from romgrl.errors import DivergenceError
 from romgrl.normalizer import RunningNormalizer
 from romgrl.progress import SilentLog
 from romgrl.stages import student
+from romgrl.stages.tally import EpisodeTally
 from tests.conftest import Composer
 
 SMALL = ["student.hidden_sizes=[32,32]", "student.num_envs=8", "student.learning_starts=500", "student.batch_size=32"]
@@ -154,3 +155,19 @@ def test_learning_rates_fall_to_zero_over_the_second_half(
     ):
         assert optimizer.param_groups[0]["lr"] == pytest.approx(rate * scales[-1])
     assert learner.discriminator.optimizer.param_groups[0]["lr"] == config.discriminator.learning_rate
+
+
+def test_tally_of_episodes() -> None:
+    tally = EpisodeTally(num_envs=2, control_frequency=30.0)
+    info = {"forward_velocity": np.array([1.0, 3.0]), "trunk_lean": np.zeros(2), "diverged": np.zeros(2)}
+    nothing, first = np.array([False, False]), np.array([True, False])
+    for step in range(60):
+        tally.add(info, nothing, first if step == 59 else nothing)
+    values = tally.take()
+    assert values["speed"] == pytest.approx(2.0)
+    assert values["episode_seconds"] == pytest.approx(2.0)
+    assert values["fall_share"] == 0.0
+    tally.add(info, nothing, nothing)
+    assert tally.take()["episode_seconds"] == pytest.approx(2.0)
+    tally.add(info, first, first)
+    assert tally.take()["fall_share"] == 1.0
