@@ -78,7 +78,7 @@ class Teacher:
         "exponential: exp(-alpha |v - speed|); forward_velocity: v", choices=("exponential", "forward_velocity")
     )
     alpha: float = key("sensitivity of the exponential reward", unit="s/m", above=0)
-    total_steps: int = key("environment steps", low=1)
+    total_steps: int = key("environment steps at most (whole rollouts, at least one)", low=1)
     num_envs: int = key("worlds stepped together", low=1)
     rollout_steps: int = key("steps per world between updates", low=1)
     episode_steps: int = key("an episode is truncated after this many control steps", low=1)

@@ -70,7 +70,7 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
 
 
 def train(config: Config, env: SpringLegVectorEnv, ppo: PPO, log: StageLog, save: Callable[[], None]) -> None:
-    """Collect a rollout, update, until `total_steps` are done; DivergenceError if a number is not finite."""
+    """Collect a rollout, update, as often as fits into `total_steps`; DivergenceError if a number is not finite."""
     teacher = config.teacher
     rollout = Rollout(
         steps=teacher.rollout_steps,
@@ -81,12 +81,12 @@ def train(config: Config, env: SpringLegVectorEnv, ppo: PPO, log: StageLog, save
     )
     tally = EpisodeTally(env.num_envs, teacher.rollout_steps)
     observation, _ = env.reset(seed=config.seed)
-    done, saved = 0, time.monotonic()
-    while done < teacher.total_steps:
+    saved = time.monotonic()
+    rollout_size = teacher.rollout_steps * env.num_envs
+    for done in range(rollout_size, max(teacher.total_steps, rollout_size) + 1, rollout_size):
         observation = collect(env, ppo, rollout, observation, tally)
-        decay = 1.0 - done / teacher.total_steps if teacher.learning_rate_decay else 1.0
+        decay = 1.0 - (done - rollout_size) / teacher.total_steps if teacher.learning_rate_decay else 1.0
         losses = ppo.update(rollout, learning_rate_scale=decay)
-        done += teacher.rollout_steps * env.num_envs
         gait = tally.take()
         check_finite(losses, ppo, done)
         log.metrics(gait | losses, done)

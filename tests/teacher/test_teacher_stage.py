@@ -20,7 +20,7 @@ from tests.conftest import Composer
 
 SMALL = (
     "threads=1",
-    "teacher.total_steps=5000",
+    "teacher.total_steps=5120",
     "teacher.num_envs=8",
     "teacher.rollout_steps=64",
     "teacher.minibatch_size=128",
