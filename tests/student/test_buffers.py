@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import torch
+from numpy.typing import NDArray
 
 from romgrl.buffers import ReplayBuffer
 from romgrl.gait.windows import FrameWindows, reference_windows, window_mirror
@@ -73,7 +74,10 @@ def test_too_small_and_empty_buffers_are_refused() -> None:
 
 def test_windows_hold_the_last_frames_and_restart() -> None:
     windows = FrameWindows(num_envs=2, columns=1, window=3)
-    frame = lambda value: np.full((2, 1), value, dtype=np.float32)  # noqa: E731
+
+    def frame(value: float) -> NDArray[np.float32]:
+        return np.full((2, 1), value, dtype=np.float32)
+
     windows.restart(frame(0))
     windows.push(frame(1))
     np.testing.assert_array_equal(windows.push(frame(2)), [[0, 1, 2]] * 2)

@@ -33,7 +33,10 @@ SETTINGS = {
 
 def make_batch(size: int = 16) -> Batch:
     generator = torch.Generator().manual_seed(1)
-    draw = lambda *shape: torch.randn(shape, generator=generator)  # noqa: E731
+
+    def draw(*shape: int) -> torch.Tensor:
+        return torch.randn(shape, generator=generator)
+
     terminated = torch.zeros(size)
     terminated[::4] = 1
     return Batch(draw(size, 3), draw(size, 2).tanh(), draw(size, 3), draw(size), terminated, draw(size, 5))
