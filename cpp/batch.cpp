@@ -68,9 +68,16 @@ void Batch::step_world(int world, const float* actions, const StepArrays& arrays
         arrays.ground_force[kLegs * world + i] = static_cast<float>(environment.walker().ground_force()[i]);
         arrays.hip_torque[kLegs * world + i] = static_cast<float>(environment.walker().hip_torque()[i]);
     }
-    if (outcome.terminated || outcome.truncated) environment.reset();
-    environment.observe(arrays.observation + size * world);
-    environment.features(arrays.reset_features + kFeatures * world);
+    float* observation = arrays.observation + size * world;
+    float* reset_features = arrays.reset_features + kFeatures * world;
+    if (outcome.terminated || outcome.truncated) {
+        environment.reset();
+        environment.observe(observation);
+        environment.features(reset_features);
+    } else {
+        std::copy_n(final_observation, size, observation);
+        std::copy_n(features, kFeatures, reset_features);
+    }
 }
 
 void Batch::step(const float* actions, const StepArrays& arrays) {
