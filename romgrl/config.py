@@ -154,6 +154,9 @@ class Student:
     gamma: float = key("discount factor", above=0, high=1)
     tau: float = key("share of the critics copied into their targets at each update", above=0, high=1)
     policy_delay: int = key("critic updates per policy update", low=1)
+    simultaneous: bool = key(
+        "true: policy and critics take their gradients at the same point, on two threads; false: critics first"
+    )
     critic_target: str = key("how the twin target critics are joined", choices=("minimum", "mean"))
     mirror: bool = key("true: half of each batch is left-right mirrored")
     normalize_observation: bool = key("true: observations are standardised by their running mean and deviation")

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Mapping
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Executor
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +25,7 @@ from romgrl.gait.windows import FrameWindows, reference_windows, window_mirror
 from romgrl.humanoid.observation import OBSERVATION_SIZE
 from romgrl.humanoid.skeleton import HINGES
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
+from romgrl.lanes import second_lane, start
 from romgrl.normalizer import RunningNormalizer
 from romgrl.progress import StageLog
 from romgrl.stages.tally import EpisodeTally
@@ -37,8 +39,15 @@ CHECKPOINT_SECONDS = 60.0
 
 
 def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog) -> None:
-    """Train a student (inputs: reference) or, with eta = 1 and no discriminator, a baseline; write its policy."""
-    env = humanoid_env(config, num_envs=config.student.num_envs)
+    """Train a student (inputs: reference) or, with eta = 1 and no discriminator, a baseline; write its policy.
+
+    With two threads or more, physics runs beside the updates; where critics and policy take their gradients
+    simultaneously, physics and policy have one half of the threads and the critics the other.
+    """
+    beside = config.threads > 1
+    each = config.threads // 2 if beside and config.student.simultaneous else config.threads
+    torch.set_num_threads(each)
+    env = humanoid_env(replace(config, threads=each), num_envs=config.student.num_envs)
     columns = torch.from_numpy(
         env.compact_columns if config.student.compact_observation else np.arange(OBSERVATION_SIZE)
     )
@@ -47,21 +56,27 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
         columns=6 if config.discriminator.features == "trunk" else 5,
         window=config.discriminator.window,
     )
-    learner = build_learner(config, env, columns, windows, inputs.get("reference"))
+    with second_lane(beside) as lane:
+        learner = build_learner(config, env, columns, windows, inputs.get("reference"), lane)
 
-    def save() -> None:
-        save_policy(output / "policy.safetensors", learner.sac, columns, *learner.normalizer.mean_and_scale())
+        def save() -> None:
+            save_policy(output / "policy.safetensors", learner.sac, columns, *learner.normalizer.mean_and_scale())
 
-    try:
-        train(config, env, columns, windows, learner, log, save)
-    finally:
-        save()
+        try:
+            train(config, env, columns, windows, learner, log, save)
+        finally:
+            save()
 
 
 def build_learner(
-    config: Config, env: PlanarHumanoidVectorEnv, columns: Tensor, windows: FrameWindows, reference: Path | None
+    config: Config,
+    env: PlanarHumanoidVectorEnv,
+    columns: Tensor,
+    windows: FrameWindows,
+    reference: Path | None,
+    lane: Executor | None = None,
 ) -> RomGrl:
-    """Wire agent, discriminator and replay buffer from the configuration."""
+    """Wire agent, discriminator and replay buffer from the configuration; `lane` is a second thread for the agent."""
     student, judge = config.student, config.discriminator
     frame_columns, window = windows.frames.shape[2], windows.frames.shape[1]
     mirrors: dict[str, Mirror | None] = {"observation": None, "action": None, "frames": None}
@@ -94,6 +109,8 @@ def build_learner(
         policy_delay=student.policy_delay,
         critic_target=student.critic_target,
         policy_average=student.policy_average,
+        simultaneous=student.simultaneous,
+        lane=lane,
         seed=config.seed,
         device=config.device,
     )
@@ -161,43 +178,42 @@ def train(
     windows.restart(frame(info, trunk, ""))
     due, saved = 0.0, time.monotonic()
     metrics: dict[str, Tensor] = {}
-    with ThreadPoolExecutor(1) as physics:
-        for step in range(0, student.total_steps, env.num_envs):
-            action = explore(learner, current, env, random=step < student.learning_starts)
-            stepping = physics.submit(env.step, action.cpu().numpy())
-            if step >= student.learning_starts:
-                due += student.updates_per_step * env.num_envs
-                if student.learning_rate_decay:
-                    learner.scale_learning_rates(min(1.0, 2 * (1 - step / student.total_steps)))
-                metrics |= learner.update(int(due)) if due >= 1 else {}
-                due -= int(due)
-            observation, reward, terminated, truncated, info = stepping.result()
-            following = torch.from_numpy(observation).to(device)[:, columns]
-            learner.buffer.add(
-                current,
-                action,
-                following,
-                torch.from_numpy(reward),
-                torch.from_numpy(terminated),
-                torch.from_numpy(truncated),
-                torch.from_numpy(windows.push(frame(info, trunk, ""))),
-            )
-            learner.normalizer.update(following)
-            finished = terminated | truncated
-            windows.restart(frame(info, trunk, "reset_"), finished)
-            tally.add(info, terminated, finished)
-            current = following
-            done = step + env.num_envs
-            if done % LOG_INTERVAL < env.num_envs or done >= student.total_steps:
-                values = {name: float(value) for name, value in metrics.items()} | tally.take()
-                check_finite(values, done)
-                log.metrics(values | learner.counts(), done)
-                log.progress(done, student.total_steps, speed=values["speed"], episode=values["episode_seconds"])
-            if learner.just_stopped():
-                log.message(f"the discriminator stopped at step {done:,}: no better on held-out windows")
-            if time.monotonic() - saved > CHECKPOINT_SECONDS:
-                save()
-                saved = time.monotonic()
+    for step in range(0, student.total_steps, env.num_envs):
+        action = explore(learner, current, env, random=step < student.learning_starts)
+        stepped = start(learner.sac.lane, env.step, action.cpu().numpy())
+        if step >= student.learning_starts:
+            due += student.updates_per_step * env.num_envs
+            if student.learning_rate_decay:
+                learner.scale_learning_rates(min(1.0, 2 * (1 - step / student.total_steps)))
+            metrics |= learner.update(int(due)) if due >= 1 else {}
+            due -= int(due)
+        observation, reward, terminated, truncated, info = stepped()
+        following = torch.from_numpy(observation).to(device)[:, columns]
+        learner.buffer.add(
+            current,
+            action,
+            following,
+            torch.from_numpy(reward),
+            torch.from_numpy(terminated),
+            torch.from_numpy(truncated),
+            torch.from_numpy(windows.push(frame(info, trunk, ""))),
+        )
+        learner.normalizer.update(following)
+        finished = terminated | truncated
+        windows.restart(frame(info, trunk, "reset_"), finished)
+        tally.add(info, terminated, finished)
+        current = following
+        done = step + env.num_envs
+        if done % LOG_INTERVAL < env.num_envs or done >= student.total_steps:
+            values = {name: float(value) for name, value in metrics.items()} | tally.take()
+            check_finite(values, done)
+            log.metrics(values | learner.counts(), done)
+            log.progress(done, student.total_steps, speed=values["speed"], episode=values["episode_seconds"])
+        if learner.just_stopped():
+            log.message(f"the discriminator stopped at step {done:,}: no better on held-out windows")
+        if time.monotonic() - saved > CHECKPOINT_SECONDS:
+            save()
+            saved = time.monotonic()
 
 
 def frame(info: dict[str, NDArray[np.float32]], trunk: bool, prefix: str) -> NDArray[np.float32]:

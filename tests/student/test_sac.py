@@ -8,9 +8,13 @@ import numpy as np
 import pytest
 import torch
 from scipy import integrate
+from torch.nn import functional
 
-from romgrl.algorithms.sac import SAC, TwinCritic, flatten_parameters, load_policy, save_policy, tanh_log_probability
+from romgrl.algorithms.sac import SAC, load_policy, save_policy
+from romgrl.algorithms.squashed_gaussian import draw, head_gradient, log_density
+from romgrl.algorithms.stacked_mlp import StackedMLP
 from romgrl.buffers import Batch
+from romgrl.lanes import second_lane
 
 SETTINGS = {
     "observation_size": 3,
@@ -27,6 +31,7 @@ SETTINGS = {
     "policy_delay": 2,
     "critic_target": "minimum",
     "policy_average": 0.5,
+    "simultaneous": False,
     "seed": 0,
 }
 
@@ -42,14 +47,14 @@ def make_batch(size: int = 16) -> Batch:
     return Batch(draw(size, 3), draw(size, 2).tanh(), draw(size, 3), draw(size), terminated, draw(size, 5))
 
 
-def test_tanh_log_probability_is_a_density() -> None:
+def test_log_density_is_a_density() -> None:
     """Its exponential integrates to one over the open interval of actions, and matches change of variables."""
     mean, std = 0.7, 0.6
 
     def density(action: float) -> float:
         u = torch.tensor([[math.atanh(action)]], dtype=torch.float64)
         log_std = torch.tensor([[math.log(std)]], dtype=torch.float64)
-        return math.exp(float(tanh_log_probability((u - mean) / std, log_std, u)))
+        return math.exp(float(log_density((u - mean) / std, log_std, u)))
 
     assert integrate.quad(density, -1 + 1e-12, 1 - 1e-12, limit=200)[0] == pytest.approx(1.0, abs=1e-6)
     u = math.atanh(0.3)
@@ -57,17 +62,17 @@ def test_tanh_log_probability_is_a_density() -> None:
     assert density(0.3) == pytest.approx(by_hand, rel=1e-9)
 
 
-def test_tanh_log_probability_far_out_stays_finite() -> None:
+def test_log_density_far_out_stays_finite() -> None:
     pre_tanh = torch.tensor([[40.0, -40.0]])
-    assert torch.isfinite(tanh_log_probability(torch.zeros(1, 2), torch.zeros(1, 2), pre_tanh)).all()
+    assert torch.isfinite(log_density(torch.zeros(1, 2), torch.zeros(1, 2), pre_tanh)).all()
 
 
-def critic_by_hand(critic: TwinCritic, inputs: np.ndarray) -> np.ndarray:
+def critic_by_hand(critic: StackedMLP, inputs: np.ndarray) -> np.ndarray:
     values = []
     for k in range(2):
         x = inputs
         for layer, (weight, bias) in enumerate(zip(critic.weights, critic.biases, strict=True)):
-            x = x @ weight[k].detach().numpy() + bias[k].detach().numpy()
+            x = x @ weight[k].numpy() + bias[k].numpy()
             x = np.maximum(x, 0) if layer < len(critic.weights) - 1 else x
         values.append(x[:, 0])
     return np.stack(values)
@@ -77,70 +82,156 @@ def critic_by_hand(critic: TwinCritic, inputs: np.ndarray) -> np.ndarray:
 def test_bellman_target(join: str, reduce: Callable[..., np.ndarray]) -> None:
     """y = r + gamma (1 - terminated) (Q' - alpha log pi), with networks evaluated in numpy."""
     sac = SAC(**{**SETTINGS, "critic_target": join})
-    batch, reward = make_batch(), torch.linspace(-1, 1, 16)
-    state = sac.generator.get_state()
-    target = sac.bellman_target(batch, reward).numpy()
-    sac.generator.set_state(state)
-    with torch.no_grad():
-        action, log_probability = sac.policy.sample(batch.next_observation, sac.generator)
-    values = critic_by_hand(sac.target, torch.cat((batch.next_observation, action), -1).numpy())
-    soft = reduce(values, axis=0) - 0.2 * log_probability.numpy()
+    batch, reward, noise = make_batch(), torch.linspace(-1, 1, 16), torch.randn(16, 2)
+    target = sac.bellman_target(batch, reward, noise).numpy()
+    drawn = sac.sample(batch.next_observation, noise, "test")
+    values = critic_by_hand(sac.target, torch.cat((batch.next_observation, drawn.action), -1).numpy())
+    soft = reduce(values, axis=0) - 0.2 * drawn.log_probability.numpy()
     expected = reward.numpy() + 0.9 * (1 - batch.terminated.numpy()) * soft
     np.testing.assert_allclose(target, expected, atol=1e-5)
     np.testing.assert_allclose(target[::4], reward.numpy()[::4], atol=1e-7)
 
 
-def test_critic_step_lowers_the_bellman_error_and_leaves_the_policy_alone() -> None:
-    sac, batch, reward = SAC(**SETTINGS), make_batch(), torch.ones(16)
-    before = sac.policy_flat.detach().clone()
-    losses = [float(sac.update_critics(batch, reward)["critic_loss"]) for _ in range(200)]
+def forward_by_autograd(network: StackedMLP, flat: torch.Tensor, inputs: torch.Tensor) -> torch.Tensor:
+    """The network's outputs (S, B, O) by torch's own operations, differentiable by `flat` and inputs."""
+    x, start = inputs.expand(network.stack, -1, -1), 0
+    for layer, (weight, bias) in enumerate(zip(network.weights, network.biases, strict=True)):
+        own = [flat[start : start + weight.numel()].view_as(weight)]
+        start += weight.numel()
+        own.append(flat[start : start + bias.numel()].view_as(bias))
+        start += bias.numel()
+        x = torch.baddbmm(own[1], x, own[0])
+        if layer < len(network.weights) - 1:
+            x = functional.relu(functional.layer_norm(x, x.shape[-1:]) if network.layer_norm else x)
+    return x
+
+
+@pytest.mark.parametrize("outputs", [1, 4])
+@pytest.mark.parametrize("layer_norm", [False, True])
+def test_gradients_of_the_network_equal_automatic_ones(layer_norm: bool, outputs: int) -> None:
+    torch.manual_seed(0)
+    network = StackedMLP(
+        stack=2, inputs=7, hidden_sizes=[16, 12], outputs=outputs, layer_norm=layer_norm, dtype=torch.float64
+    )
+    inputs, tape = torch.randn(9, 7, dtype=torch.float64), network.tape(9)
+    by_output = torch.randn(2, 9, outputs, dtype=torch.float64)
+    flat, leaf = network.flat.clone().requires_grad_(), inputs.clone().requires_grad_()
+    expected = forward_by_autograd(network, flat, leaf)
+    (expected * by_output).sum().backward()
+    assert flat.grad is not None
+    assert leaf.grad is not None
+    torch.testing.assert_close(network.forward(inputs, tape), expected.detach(), rtol=1e-12, atol=1e-12)
+    by_input = network.backward(by_output, tape, inputs=slice(5, 7))
+    torch.testing.assert_close(network.gradient, flat.grad, rtol=1e-10, atol=1e-12)
+    torch.testing.assert_close(by_input, leaf.grad[:, 5:7], rtol=1e-10, atol=1e-12)
+
+
+def test_gradients_are_only_written_where_they_are_wanted() -> None:
+    network = StackedMLP(stack=2, inputs=3, hidden_sizes=[4], outputs=1, layer_norm=True)
+    tape = network.tape(5)
+    network.forward(torch.ones(5, 3), tape)
+    assert network.backward(torch.ones(2, 5, 1), tape, weights=False).numel() == 0
+    assert not network.gradient.any()
+    network.backward(torch.ones(2, 5, 1), tape)
+    assert network.gradient.any()
+
+
+def test_gradient_through_the_squashed_gaussian_equals_the_automatic_one() -> None:
+    torch.manual_seed(0)
+    head, noise = torch.randn(6, 4, dtype=torch.float64, requires_grad=True), torch.randn(6, 2, dtype=torch.float64)
+    by_action, by_log = torch.randn(6, 2, dtype=torch.float64), torch.randn(6, 1, dtype=torch.float64)
+    drawn = draw(head, noise)
+    ((drawn.action * by_action).sum() + (drawn.log_probability[:, None] * by_log).sum()).backward()
+    assert head.grad is not None
+    with torch.no_grad():
+        by_hand = head_gradient(draw(head, noise), by_action, by_log)
+    torch.testing.assert_close(by_hand, head.grad, rtol=1e-10, atol=1e-12)
+
+
+@pytest.mark.parametrize("join", ["minimum", "mean"])
+@pytest.mark.parametrize("layer_norm", [False, True])
+def test_gradients_of_an_update_equal_those_of_its_losses(join: str, layer_norm: bool) -> None:
+    """Critics: sum of mean (Q - y)^2; policy: mean (alpha log pi - Q); temperature: alpha (entropy - target)."""
+    sac, batch = SAC(**{**SETTINGS, "critic_target": join, "layer_norm": layer_norm}), make_batch()
+    noise, reward = torch.randn(16, 2), torch.linspace(-1, 1, 16)
+    critic, policy = (network.flat.clone().requires_grad_() for network in (sac.critic, sac.policy))
+    temperature = sac.log_temperature.detach().clone().requires_grad_()
+    target = sac.bellman_target(batch, reward, noise)
+    inputs = torch.cat((batch.observation, batch.action), -1)
+    (forward_by_autograd(sac.critic, critic, inputs).squeeze(-1) - target).square().mean(1).sum().backward()
+    drawn = draw(forward_by_autograd(sac.policy, policy, batch.observation)[0], noise)
+    values = forward_by_autograd(sac.critic, critic.detach(), torch.cat((batch.observation, drawn.action), -1)).squeeze(
+        -1
+    )
+    value = values.amin(0) if join == "minimum" else values.mean(0)
+    (0.2 * drawn.log_probability - value).mean().backward()
+    (temperature.exp() * (-drawn.log_probability.mean().detach() - sac.target_entropy)).sum().backward()
+    sac.critic_gradient(batch, reward, noise)
+    torch.testing.assert_close(sac.critic.gradient, critic.grad, rtol=1e-4, atol=1e-6)
+    sac.policy_gradient(batch.observation, noise)
+    torch.testing.assert_close(sac.policy.gradient, policy.grad, rtol=1e-4, atol=1e-6)
+    torch.testing.assert_close(sac.log_temperature.grad, temperature.grad, rtol=1e-4, atol=1e-6)
+
+
+def test_critics_learn_and_leave_the_policy_alone() -> None:
+    sac, batch, reward = SAC(**{**SETTINGS, "policy_delay": 10**6}), make_batch(), torch.ones(16)
+    sac.updates = 1
+    before = sac.policy.flat.clone()
+    losses = [float(sac.update(batch, reward)["critic_loss"]) for _ in range(200)]
     assert losses[-1] < 0.5 * losses[0]
-    assert torch.equal(before, sac.policy_flat)
+    assert torch.equal(before, sac.policy.flat)
 
 
-def test_policy_step_raises_the_value_and_leaves_the_critics_alone() -> None:
+def test_policy_gradient_raises_the_value_and_leaves_the_critics_alone() -> None:
     sac, batch = SAC(**{**SETTINGS, "initial_temperature": 1e-6}), make_batch()
-    before = sac.critic_flat.detach().clone()
-    losses = [float(sac.update_policy_and_temperature(batch.observation)["policy_loss"]) for _ in range(300)]
+    before, losses = sac.critic.flat.clone(), []
+    for _ in range(300):
+        losses.append(float(sac.policy_gradient(batch.observation, torch.randn(16, 2))["policy_loss"]))
+        sac.policy_optimizer.step()
     assert np.mean(losses[-20:]) < np.mean(losses[:20]) - 0.01
-    assert torch.equal(before, sac.critic_flat)
-    assert sac.critic_flat.grad is not None
-    assert not sac.critic_flat.grad.any()
+    assert torch.equal(before, sac.critic.flat)
+    assert not sac.critic.gradient.any()
 
 
 def test_temperature_falls_while_entropy_is_above_its_target() -> None:
     sac, batch = SAC(**{**SETTINGS, "target_entropy_scale": 50.0}), make_batch()
     for _ in range(20):
-        sac.update_policy_and_temperature(batch.observation)
+        sac.policy_gradient(batch.observation, torch.randn(16, 2))
+        sac.temperature_optimizer.step()
     assert float(sac.log_temperature.exp()) < 0.2
 
 
 def test_targets_follow_by_tau_and_policy_waits() -> None:
     sac, batch = SAC(**SETTINGS), make_batch()
-    target, reward = sac.target_flat.detach().clone(), torch.ones(16)
+    target, reward = sac.target.flat.clone(), torch.ones(16)
     assert "policy_loss" in sac.update(batch, reward)
-    torch.testing.assert_close(sac.target_flat.data, torch.lerp(target, sac.critic_flat.data, 0.25))
+    torch.testing.assert_close(sac.target.flat, torch.lerp(target, sac.critic.flat, 0.25))
     assert "policy_loss" not in sac.update(batch, reward)
 
 
-def test_flat_parameters_are_the_modules_own() -> None:
-    critic = TwinCritic(input_size=5, hidden_sizes=[4], layer_norm=True)
-    flat = flatten_parameters(critic)
-    flat.data.fill_(0.5)
-    assert all((p == 0.5).all() for p in critic.parameters())
-    critic(torch.ones(3, 5)).sum().backward()
-    assert flat.grad is not None
-    assert flat.grad.abs().sum() > 0
-
-
-def test_same_seed_gives_the_same_weights() -> None:
+@pytest.mark.parametrize("simultaneous", [False, True])
+def test_same_seed_gives_the_same_weights_with_one_lane_and_two(simultaneous: bool) -> None:
     weights = []
-    for _ in range(2):
-        sac, batch = SAC(**SETTINGS), make_batch()
-        for _ in range(50):
-            sac.update(batch, batch.task_reward)
-        weights.append(sac.policy_flat.detach().clone())
-    assert torch.equal(*weights)
+    for lanes in (1, 1, 2):
+        with second_lane(lanes == 2) as lane:
+            sac, batch = SAC(**{**SETTINGS, "simultaneous": simultaneous}, lane=lane), make_batch()
+            for _ in range(50):
+                sac.update(batch, batch.task_reward)
+        weights.append(torch.cat((sac.policy.flat, sac.critic.flat)))
+    assert torch.equal(weights[0], weights[1])
+    assert torch.equal(weights[0], weights[2])
+
+
+def test_policy_sees_the_critics_of_before_only_where_gradients_are_simultaneous() -> None:
+    changed = []
+    for simultaneous in (False, True):
+        sac, batch = SAC(**{**SETTINGS, "simultaneous": simultaneous, "critic_learning_rate": 0.0}), make_batch()
+        sac.update(batch, batch.task_reward)
+        still = sac.policy.flat.clone()
+        sac = SAC(**{**SETTINGS, "simultaneous": simultaneous, "critic_learning_rate": 0.5})
+        sac.update(batch, batch.task_reward)
+        changed.append(not torch.equal(still, sac.policy.flat))
+    assert changed == [True, False]
 
 
 def test_policy_file_rebuilds_the_averaged_policy(tmp_path: Path) -> None:
@@ -148,6 +239,6 @@ def test_policy_file_rebuilds_the_averaged_policy(tmp_path: Path) -> None:
     columns, mean, scale = torch.tensor([4, 0, 2]), torch.ones(3), torch.full((3,), 2.0)
     save_policy(tmp_path / "policy.safetensors", sac, columns, mean, scale)
     observation = np.arange(10, dtype=np.float32).reshape(2, 5)
-    with torch.no_grad():
-        expected = sac.average((torch.from_numpy(observation)[:, [4, 0, 2]] - 1) * 2)[0].tanh()
+    inputs = (torch.from_numpy(observation)[:, [4, 0, 2]] - 1) * 2
+    expected = sac.average.forward(inputs, sac.average.tape(2))[0, :, :2].tanh()
     np.testing.assert_array_equal(load_policy(tmp_path / "policy.safetensors")(observation), expected.numpy())

@@ -53,12 +53,15 @@ def test_same_seed_gives_the_same_weights_after_5000_steps(
     configuration: Composer, reference: Path, tmp_path: Path
 ) -> None:
     torch.set_num_threads(1)
-    config = configuration("student.total_steps=5000")
+    config = configuration("student.total_steps=5000", "threads=1")
     first, second = (weights(config, {"reference": reference}, tmp_path / name) for name in ("a", "b"))
     assert all(torch.equal(first[name], second[name]) for name in first)
-    config.seed = 1
+    config.threads = 2
+    beside = weights(config, {"reference": reference}, tmp_path / "two-threads")
+    assert all(torch.equal(first[name], beside[name]) for name in first)
+    config.threads, config.seed = 1, 1
     other = weights(config, {"reference": reference}, tmp_path / "c")
-    assert not torch.equal(first["policy.head.weight"], other["policy.head.weight"])
+    assert not torch.equal(first["policy.weight_0"], other["policy.weight_0"])
 
 
 def test_what_is_logged(configuration: Composer, reference: Path, tmp_path: Path) -> None:
