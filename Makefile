@@ -4,12 +4,15 @@ VENV ?= .venv
 PYTHON ?= python3
 BIN := $(VENV)/bin
 PACKAGE := $(VENV)/.package
+PEERS := benchmarks/.peers
+# torch and what it needs come from the project's own environment: a second copy would be gigabytes
+SITE = $(shell $(BIN)/python -c "import sysconfig; print(sysconfig.get_path('purelib'))")
 ARGS ?=
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_CONSTRAINT := $(CURDIR)/constraints.txt
 
 .DEFAULT_GOAL := help
-.PHONY: help install run test test-slow bench lint format types docs clean
+.PHONY: help install run test test-slow bench peers lint format types docs clean
 
 help: ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -25,8 +28,18 @@ test: $(PACKAGE) ## run the tests (under 8 minutes on two cores)
 test-slow: $(PACKAGE) ## run the tests that train for minutes
 	$(BIN)/python -m pytest -m slow --timeout 3600 $(ARGS)
 
-bench: $(PACKAGE) ## measure the speed of physics and learners on this machine
+bench: $(PACKAGE) peers ## measure speed beside the peers and write docs/benchmarks.md (hours; one row: ARGS=NAME)
 	$(BIN)/python -m benchmarks $(ARGS)
+
+peers: $(PACKAGE) ## build the environments of the peers that `make bench` compares with
+	-@$(MAKE) --no-print-directory --keep-going $(PEERS)/rl/.built $(PEERS)/cleanrl/.built
+
+$(PEERS)/%/.built: benchmarks/peers/%.txt
+	rm -rf $(@D)
+	$(PYTHON) -m venv $(@D)
+	echo "import site; site.addsitedir('$(SITE)')" > $$($(@D)/bin/python -c "import site; print(site.getsitepackages()[0])")/_project.pth
+	PIP_CONSTRAINT= $(@D)/bin/python -m pip install --quiet --no-deps --ignore-requires-python --requirement $<
+	@touch $@
 
 lint: $(PACKAGE) ## check style
 	$(BIN)/ruff check . && $(BIN)/ruff format --check .
@@ -41,7 +54,7 @@ docs: $(PACKAGE) ## write docs/configuration.md from the schema
 	$(BIN)/python -m romgrl.config_docs
 
 clean: ## remove what was built (results under outputs/ stay)
-	rm -rf $(VENV) build
+	rm -rf $(VENV) build $(PEERS)
 
 $(BIN)/python:
 	@PYTHON=$(PYTHON) .ci/system-packages

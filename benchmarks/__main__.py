@@ -1,26 +1,67 @@
-"""Run the rows named on the command line (default: all) and print each as one line of JSON."""
+"""Measure the rows named on the command line and print them as JSON; without a name, all of them, and keep them."""
+
+from __future__ import annotations
 
 import argparse
 import json
-import os
-import platform
+import sys
+import time
+import traceback
+from dataclasses import asdict
 
-import torch
+from benchmarks import machine, plots, results
+from benchmarks.measure import Options, Unavailable
+from benchmarks.rows import ROWS
 
-from benchmarks import rows
 
-
-def main() -> None:
-    """Measure and print; every row is the median of repeats."""
+def main() -> int:
+    """Run; 0 where every row was measured or skipped, 1 where one failed, 2 for an unknown name."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
-    parser.add_argument("name", nargs="*", choices=[*rows.ROWS, []], help="rows to run (default: all)")
-    parser.add_argument("--threads", type=int, default=os.cpu_count(), help="threads (default: all cores)")
+    parser.add_argument("names", nargs="*", metavar="NAME", help="rows to measure (default: all)")
+    parser.add_argument("--list", action="store_true", help="list the rows and stop")
+    parser.add_argument("--save", action="store_true", help="also keep named rows in results.json and the docs")
+    parser.add_argument("--quick", action="store_true", help="a tenth of the work, for development; never kept")
+    parser.add_argument(
+        "--threads", type=int, default=Options.threads, help="threads of both sides (default: all cores)"
+    )
     arguments = parser.parse_args()
-    torch.set_num_threads(arguments.threads)
-    machine = {"machine": platform.processor() or platform.machine(), "threads": arguments.threads}
-    for name in arguments.name or rows.ROWS:
-        print(json.dumps({"name": name, **rows.ROWS[name](arguments.threads), **machine}), flush=True)
+    if arguments.list:
+        print("\n".join(f"{name:<28} {row.title}" for name, row in ROWS.items()))
+        return 0
+    unknown = [name for name in arguments.names if name not in ROWS]
+    if unknown:
+        print(f"no row {', '.join(unknown)}; python -m benchmarks --list names them", file=sys.stderr)
+        return 2
+    options = Options(threads=arguments.threads, quick=arguments.quick)
+    keep = (arguments.save or not arguments.names) and not arguments.quick
+    failed = False
+    for name in arguments.names or ROWS:
+        measured = measure(name, options)
+        failed |= measured["status"] == "failed"
+        print(json.dumps(measured, indent=1, ensure_ascii=False), flush=True)
+        if keep:
+            rows = results.merge(results.load(), [measured], list(ROWS))
+            results.publish(rows, {name: row.title for name, row in ROWS.items()})
+            plots.draw(rows)
+    return int(failed)
+
+
+def measure(name: str, options: Options) -> results.Row:
+    """One row with when and on what it was measured, or with the reason why it was not."""
+    print(f"{name}: {ROWS[name].title}", file=sys.stderr, flush=True)
+    row: results.Row = {"name": name, "status": "measured"}
+    start = time.monotonic()
+    try:
+        result = ROWS[name].measure(options)
+        row |= asdict(result) | {"reached": result.reached}
+    except Unavailable as reason:
+        row |= {"status": "skipped", "reason": str(reason)}
+    except Exception as error:  # one broken row must not cost the others
+        traceback.print_exc()
+        row |= {"status": "failed", "reason": f"{type(error).__name__}: {error}".splitlines()[0]}
+    stamp = {"seconds": round(time.monotonic() - start, 1), "time": time.strftime("%Y-%m-%d %H:%M")}
+    return row | stamp | {"threads": options.threads, "quick": options.quick, "machine": machine.describe()}
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -1,0 +1,75 @@
+"""One SAC update: batch 256, 2 x 256, 358 observations and 21 actions."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from benchmarks import flops, sgemm
+from benchmarks.measure import Options, Result, compare, rate
+from benchmarks.peers import Peer
+from benchmarks.setup import PLAIN_SAC, filled_student
+
+SIZES: dict[str, Any] = {"observation": 358, "action": 21, "hidden": [256, 256], "batch": 256}
+TRANSITIONS, UPDATES = 10_000, 40
+
+
+def against_peer(options: Options, environment: str, script: str) -> Result:
+    """Updates per second, sampling included, in alternation with a peer."""
+    work = {"transitions": TRANSITIONS, "updates": options.scaled(UPDATES)}
+    ours = filled_student(*PLAIN_SAC, threads=options.threads)
+    with Peer(environment, script, threads=options.threads, **SIZES, **work) as peer:
+        return compare(
+            rate(ours.updates(work["updates"]), work["updates"]),
+            peer.measure,
+            unit="updates/s",
+            target=">= 2",
+            settings={
+                **SIZES,
+                "threads": options.threads,
+                "ours": "student=sac, policy_delay=1",
+                "peer": peer.settings,
+            },
+            repeats=options.repeats,
+        )
+
+
+def against_sb3(options: Options) -> Result:
+    """Stable-Baselines3's `SAC.train`."""
+    return against_peer(options, "rl", "sb3_sac.py")
+
+
+def against_cleanrl(options: Options) -> Result:
+    """CleanRL's script, which trains its policy twice at every second update."""
+    return against_peer(options, "cleanrl", "cleanrl_sac.py")
+
+
+def flops_beside(options: Options, products: list[flops.Product], reference: str) -> Result:
+    """GFLOP/s of the update, useful products only, beside plain matrix products on preallocated memory."""
+    useful = flops.total(flops.useful(**SIZES, policy_delay=1))
+    textbook = flops.total(flops.textbook(**SIZES, policy_delay=1))
+    ours = filled_student(*PLAIN_SAC, threads=options.threads)
+    count = options.scaled(UPDATES)
+    return compare(
+        rate(ours.updates(count), count * useful / 1e9),
+        sgemm.side(products, seconds=1.0),
+        unit="GFLOP/s",
+        target=">= 0.75",
+        settings={
+            **SIZES,
+            "threads": options.threads,
+            "useful MFLOP per update": round(useful / 1e6, 1),
+            "textbook MFLOP per update": round(textbook / 1e6, 1),
+            "sgemm": reference,
+        },
+        repeats=options.repeats,
+    )
+
+
+def flops_same_shapes(options: Options) -> Result:
+    """Beside the update's own products, one after the other."""
+    return flops_beside(options, flops.useful(**SIZES, policy_delay=1), "the useful products of the update")
+
+
+def flops_square(options: Options) -> Result:
+    """Beside a product that leaves the processor nothing to wait for."""
+    return flops_beside(options, [flops.Product(2048, 2048, 2048)], "2048 x 2048 x 2048")

@@ -1,0 +1,103 @@
+"""Rows in results.json and the table of docs/benchmarks.md."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from benchmarks import __main__ as command
+from benchmarks import results
+from benchmarks.measure import Options, Result, Unavailable, compare, reached
+from benchmarks.rows import ROWS, Row
+
+MACHINE = {"processor": "p", "cores": 2, "system": "Linux", "versions": {"torch": "2"}, "revision": "abc"}
+
+
+def row(name: str, **changes: Any) -> results.Row:
+    values = {"value": 20.0, "unit": "updates/s", "reference": 10.0, "ratio": 2.0, "target": ">= 2", "reached": True}
+    stamp = {"settings": {"batch": 256}, "time": "today", "machine": MACHINE}
+    return {"name": name, "status": "measured", **values, **stamp, **changes}
+
+
+def test_new_rows_replace_old_ones_and_the_rest_stays() -> None:
+    merged = results.merge([row("a"), row("b"), row("gone")], [row("b", value=3.0)], ["b", "a", "c"])
+    assert [(each["name"], each["value"]) for each in merged] == [("b", 3.0), ("a", 20.0)]
+
+
+def test_rows_survive_the_file(tmp_path: Path) -> None:
+    results.write([row("a")], tmp_path / "results.json")
+    assert results.load(tmp_path / "results.json") == [row("a")]
+    assert results.load(tmp_path / "none.json") == []
+
+
+def test_table_marks_what_was_missed_and_what_was_not_measured() -> None:
+    rows = [
+        row("a"),
+        row("b", ratio=1.5, reached=False),
+        row("c", status="skipped", reason="no GPU"),
+        row("d", reference=None, ratio=None, target=None, reached=None, value=12345.6, unit="steps/s"),
+    ]
+    lines = results.table(rows, {"a": "First"}).splitlines()[2:]
+    assert lines[0] == "| First (`a`) | 20 updates/s | 10 | 2 | >= 2 | reached |"
+    assert "| 1.5 | >= 2 | **missed** |" in lines[1]
+    assert "skipped: no GPU" in lines[2]
+    assert "| 12,346 steps/s |  |  |  |  |" in lines[3]
+
+
+def test_the_notes_around_the_table_are_kept() -> None:
+    page = f"before\n{results.START}\nold table\n{results.END}\nafter\n"
+    written = results.document(page, [row("a")], {})
+    assert written.startswith("before\n")
+    assert written.endswith("\nafter\n")
+    assert "old table" not in written
+    assert "`a` (today, abc): batch 256" in written
+    assert results.document(written, [row("a")], {}) == written
+    with pytest.raises(ValueError, match="markers"):
+        results.document("no markers", [], {})
+
+
+def test_the_real_page_has_its_markers() -> None:
+    assert results.document(results.DOCUMENT.read_text(), [row("a")], {})
+
+
+@pytest.mark.parametrize(
+    ("number", "target", "answer"), [(2.0, ">= 2", True), (1.9, ">= 2", False), (1, "<= 1.5", True)]
+)
+def test_targets(number: float, target: str, answer: bool) -> None:
+    assert reached(number, target) is answer
+
+
+def test_compare_gives_medians_and_the_range_of_the_ratio() -> None:
+    ours, other = iter([99.0, 4.0, 8.0, 6.0]), iter([99.0, 2.0, 2.0, 3.0])
+    result = compare(lambda: next(ours), lambda: next(other), unit="1/s", target=">= 2", settings={}, repeats=3)
+    assert (result.value, result.reference, result.ratio) == (6.0, 2.0, 3.0)
+    assert result.settings == {"repeats": 3, "ratio_range": [2.0, 4.0]}
+    assert result.reached
+
+
+def test_unknown_row_is_one_line(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sys.argv", ["benchmarks", "nonsense"])
+    assert command.main() == 2
+    assert capsys.readouterr().err.splitlines() == ["no row nonsense; python -m benchmarks --list names them"]
+
+
+def test_a_row_that_fails_says_so_and_does_not_stop_the_rest(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(options: Options) -> Result:
+        raise RuntimeError("it broke")
+
+    def absent(options: Options) -> Result:
+        raise Unavailable("no GPU")
+
+    monkeypatch.setitem(ROWS, "broken", Row("x", broken))
+    monkeypatch.setitem(ROWS, "absent", Row("x", absent))
+    monkeypatch.setitem(ROWS, "good", Row("x", lambda options: Result(1.0, "s")))
+    monkeypatch.setattr("sys.argv", ["benchmarks", "broken", "absent", "good"])
+    assert command.main() == 1
+    printed = capsys.readouterr().out.replace("}\n{", "}\0{").split("\0")
+    statuses = [(each["status"], each.get("reason")) for each in map(json.loads, printed)]
+    assert statuses == [("failed", "RuntimeError: it broke"), ("skipped", "no GPU"), ("measured", None)]
