@@ -67,7 +67,7 @@ class Discriminator:
         for inputs, outputs in zip([reference.shape[1], *hidden_sizes[:-1]], hidden_sizes, strict=True):
             layers += [nn.Linear(inputs, outputs), nn.LeakyReLU(0.2), nn.Dropout(dropout)]
         self.network = nn.Sequential(*layers, nn.Linear(hidden_sizes[-1], 1)).to(device)
-        self.optimizer = torch.optim.Adam(self.network.parameters(), lr=learning_rate)
+        self.optimizer = torch.optim.Adam(self.network.parameters(), lr=learning_rate, fused=True)
         self.penalty_weight, self.label_smoothing, self.noise = penalty_weight, label_smoothing, noise
         self.reward_limit, self.patience = reward_limit, patience
         self.best_validation = torch.tensor(float("inf"), device=device)

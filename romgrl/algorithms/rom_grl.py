@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from torch import Tensor
 
 from romgrl.algorithms.discriminator import Discriminator
-from romgrl.algorithms.sac import SAC
+from romgrl.algorithms.sac import SAC, Metrics
 from romgrl.buffers import Batch, ReplayBuffer
+from romgrl.lanes import start
 from romgrl.normalizer import RunningNormalizer
 
 
@@ -26,17 +28,26 @@ class RomGrl:
     discriminator_batch: int
     discriminator_recent: int | None
     stop_seen: bool = False
+    discriminator_due: int = 0
 
-    def update(self, count: int) -> dict[str, Tensor]:
-        """Run `count` SAC updates, and the discriminator's between them; returns the last value of each metric."""
-        metrics: dict[str, Tensor] = {}
-        for batch in self.buffer.sample(count * self.batch_size).split(count):
-            metrics |= self._update_discriminator()
-            reward, shares = self._reward(batch)
-            self.normalizer.apply_(batch.observation)
-            self.normalizer.apply_(batch.next_observation)
-            metrics |= shares | self.sac.update(batch, reward)
+    def update(self, count: int) -> Metrics:
+        """Run `count` SAC updates with the discriminator as it is now; returns the last value of each metric."""
+        drawn = self.buffer.sample(count * self.batch_size)
+        self.normalizer.apply_(drawn.observation)
+        self.normalizer.apply_(drawn.next_observation)
+        reward, metrics = self._reward(drawn)
+        for batch, share in zip(drawn.split(count), reward.chunk(count), strict=True):
+            self.discriminator_due += self.sac.updates % self.discriminator_interval == 0
+            metrics |= self.sac.update(batch, share)
         return metrics
+
+    def start_discriminator(self) -> Callable[[], Metrics]:
+        """Begin the discriminator's updates that are due, in the second lane where there is one."""
+        judge, due, self.discriminator_due = self.discriminator, self.discriminator_due, 0
+        if judge is None or judge.stopped or due == 0:
+            return dict
+        streams = self.buffer.sample_frames(due * self.discriminator_batch, self.discriminator_recent).chunk(due)
+        return start(self.sac.lane, lambda: [judge.update(stream) for stream in streams][-1])
 
     def scale_learning_rates(self, scale: float) -> None:
         """Set the agent's learning rates to their configured values times `scale`; the discriminator keeps its own."""
@@ -57,13 +68,7 @@ class RomGrl:
         seen, self.stop_seen = self.stop_seen, self.discriminator is not None and self.discriminator.stopped
         return self.stop_seen and not seen
 
-    def _update_discriminator(self) -> dict[str, Tensor]:
-        judge = self.discriminator
-        if judge is None or judge.stopped or self.sac.updates % self.discriminator_interval:
-            return {}
-        return judge.update(self.buffer.sample_frames(self.discriminator_batch, self.discriminator_recent))
-
-    def _reward(self, batch: Batch) -> tuple[Tensor, dict[str, Tensor]]:
+    def _reward(self, batch: Batch) -> tuple[Tensor, Metrics]:
         """eta r_env + (1 - eta) r_im with the discriminator as it is now (paper, J(pi))."""
         if self.discriminator is None:
             return self.eta * batch.task_reward, {"task_reward": batch.task_reward.mean()}

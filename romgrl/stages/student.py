@@ -187,6 +187,7 @@ def train(
                 learner.scale_learning_rates(min(1.0, 2 * (1 - step / student.total_steps)))
             metrics |= learner.update(int(due)) if due >= 1 else {}
             due -= int(due)
+        judged = learner.start_discriminator()
         observation, reward, terminated, truncated, info = stepped()
         following = torch.from_numpy(observation).to(device)[:, columns]
         learner.buffer.add(
@@ -203,6 +204,7 @@ def train(
         windows.restart(frame(info, trunk, "reset_"), finished)
         tally.add(info, terminated, finished)
         current = following
+        metrics |= judged()
         done = step + env.num_envs
         if done % LOG_INTERVAL < env.num_envs or done >= student.total_steps:
             values = {name: float(value) for name, value in metrics.items()} | tally.take()
