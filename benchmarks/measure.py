@@ -56,9 +56,8 @@ class Result:
     @property
     def reached(self) -> bool | None:
         """Whether the target is reached; None without one."""
-        return (
-            None if self.target is None else reached(self.ratio if self.ratio is not None else self.value, self.target)
-        )
+        number = self.value if self.ratio is None else self.ratio
+        return None if self.target is None or number is None else reached(number, self.target)
 
 
 def reached(number: float, target: str) -> bool:
@@ -74,7 +73,7 @@ def seconds(work: Callable[[], object]) -> float:
     return time.perf_counter() - start
 
 
-def rate(work: Callable[[], object], count: int) -> Callable[[], float]:
+def rate(work: Callable[[], object], count: float) -> Callable[[], float]:
     """A side for `interleave`: `count` units of work per second."""
     return lambda: count / seconds(work)
 

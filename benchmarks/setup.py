@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, TypeVar
+from unittest.mock import patch
 
-import torch
+import numpy as np
 from hydra import compose, initialize_config_dir
 
 from romgrl import pipeline
 from romgrl.algorithms.rom_grl import RomGrl
+from romgrl.artifacts import save_arrays
 from romgrl.composition import CONF, register_schema, to_config
 from romgrl.config import Config
-from romgrl.gait.windows import FrameWindows
-from romgrl.humanoid.observation import OBSERVATION_SIZE
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 from romgrl.progress import SilentLog
 from romgrl.stages import student
-from romgrl.stages.walkers import humanoid_env
+
+T = TypeVar("T")
 
 PLAIN_SAC = (
     "student=sac",
@@ -43,27 +47,45 @@ def configuration(*overrides: str, threads: int) -> Config:
 
 @dataclass
 class Student:
-    """A student's pieces with a replay buffer that random actions have filled up to `learning_starts`."""
+    """What the student stage has made when its training begins, and that training itself."""
 
     config: Config
     env: PlanarHumanoidVectorEnv
-    columns: torch.Tensor
-    windows: FrameWindows
     learner: RomGrl
+    _train: Callable[[Config], None]
+
+    def train(self, **changes: Any) -> None:
+        """The stage's own loop, with changed keys of `student`."""
+        self._train(replace(self.config, student=replace(self.config.student, **changes)))
+
+    def fill(self) -> None:
+        """Random actions until the replay buffer has what learning starts with."""
+        self.train(total_steps=self.config.student.learning_starts)
 
     def updates(self, count: int) -> Callable[[], object]:
         """`count` updates, drawn and done as in the stage, at most 30 in one call."""
         return lambda: [self.learner.update(min(30, count - done)) for done in range(0, count, 30)]
 
 
-def filled_student(*overrides: str, threads: int) -> Student:
-    """Build learner and environments and let the stage itself fill the buffer."""
-    config = configuration(*overrides, threads=threads)
-    env = humanoid_env(config, num_envs=config.student.num_envs)
-    size = env.compact_columns if config.student.compact_observation else range(OBSERVATION_SIZE)
-    columns = torch.as_tensor(list(size))
-    trunk = config.discriminator.features == "trunk"
-    windows = FrameWindows(num_envs=env.num_envs, columns=6 if trunk else 5, window=config.discriminator.window)
-    learner = student.build_learner(config, env, columns, windows, None)
-    student.train(config, env, columns, windows, learner, SilentLog(), save=lambda: None)
-    return Student(config, env, columns, windows, learner)
+def in_student_stage(measure: Callable[[Student], T], config: Config, reference: Path | None = None) -> T:
+    """Run the student stage with `measure` in the place of its training, so that threads are laid out as in it."""
+    found: list[T] = []
+    train = student.train
+
+    def instead(config: Config, env: PlanarHumanoidVectorEnv, *rest: Any) -> None:
+        learner = next(each for each in rest if isinstance(each, RomGrl))
+        found.append(measure(Student(config, env, learner, lambda changed: train(changed, env, *rest))))
+
+    with tempfile.TemporaryDirectory() as directory, patch.object(student, "train", instead):
+        student.run(config, {"reference": reference} if reference else {}, Path(directory), SilentLog())
+    return found[0]
+
+
+def write_reference(directory: Path) -> Path:
+    """A reference of feet that swing in antiphase: what it holds does not change how long a training step takes."""
+    phase = 2 * np.pi * 1.7 * np.arange(2000) / 30
+    left, right = np.sin(phase), np.sin(phase + np.pi)
+    columns = (0.9 + 0.04 * np.cos(2 * phase), 0.4 * left, -0.85 + 0.05 * left, 0.4 * right, -0.85 + 0.05 * right)
+    features = np.stack(columns, axis=-1).astype(np.float32)
+    save_arrays(directory / "reference.npz", {"features": features, "episode": np.zeros(2000, np.int32)})
+    return directory

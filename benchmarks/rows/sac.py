@@ -7,30 +7,31 @@ from typing import Any
 from benchmarks import flops, sgemm
 from benchmarks.measure import Options, Result, compare, rate
 from benchmarks.peers import Peer
-from benchmarks.setup import PLAIN_SAC, filled_student
+from benchmarks.setup import PLAIN_SAC, Student, configuration, in_student_stage
 
 SIZES: dict[str, Any] = {"observation": 358, "action": 21, "hidden": [256, 256], "batch": 256}
 TRANSITIONS, UPDATES = 10_000, 40
+OURS = "student=sac, policy_delay 1"
 
 
 def against_peer(options: Options, environment: str, script: str) -> Result:
     """Updates per second, sampling included, in alternation with a peer."""
-    work = {"transitions": TRANSITIONS, "updates": options.scaled(UPDATES)}
-    ours = filled_student(*PLAIN_SAC, threads=options.threads)
-    with Peer(environment, script, threads=options.threads, **SIZES, **work) as peer:
-        return compare(
-            rate(ours.updates(work["updates"]), work["updates"]),
-            peer.measure,
-            unit="updates/s",
-            target=">= 2",
-            settings={
-                **SIZES,
-                "threads": options.threads,
-                "ours": "student=sac, policy_delay=1",
-                "peer": peer.settings,
-            },
-            repeats=options.repeats,
-        )
+    count = options.scaled(UPDATES)
+
+    def measure(student: Student) -> Result:
+        student.fill()
+        work = {"transitions": TRANSITIONS, "updates": count}
+        with Peer(environment, script, threads=options.threads, **SIZES, **work) as peer:
+            return compare(
+                rate(student.updates(count), count),
+                peer.measure,
+                unit="updates/s",
+                target=">= 2",
+                settings={**SIZES, "threads": options.threads, "ours": OURS, "peer": peer.settings},
+                repeats=options.repeats,
+            )
+
+    return in_student_stage(measure, configuration(*PLAIN_SAC, threads=options.threads))
 
 
 def against_sb3(options: Options) -> Result:
@@ -47,22 +48,28 @@ def flops_beside(options: Options, products: list[flops.Product], reference: str
     """GFLOP/s of the update, useful products only, beside plain matrix products on preallocated memory."""
     useful = flops.total(flops.useful(**SIZES, policy_delay=1))
     textbook = flops.total(flops.textbook(**SIZES, policy_delay=1))
-    ours = filled_student(*PLAIN_SAC, threads=options.threads)
     count = options.scaled(UPDATES)
-    return compare(
-        rate(ours.updates(count), count * useful / 1e9),
-        sgemm.side(products, seconds=1.0),
-        unit="GFLOP/s",
-        target=">= 0.75",
-        settings={
-            **SIZES,
-            "threads": options.threads,
-            "useful MFLOP per update": round(useful / 1e6, 1),
-            "textbook MFLOP per update": round(textbook / 1e6, 1),
-            "sgemm": reference,
-        },
-        repeats=options.repeats,
-    )
+    settings = {
+        **SIZES,
+        "threads": options.threads,
+        "ours": OURS,
+        "useful MFLOP per update": round(useful / 1e6, 1),
+        "textbook MFLOP per update": round(textbook / 1e6, 1),
+        "sgemm": reference,
+    }
+
+    def measure(student: Student) -> Result:
+        student.fill()
+        return compare(
+            rate(student.updates(count), count * useful / 1e9),
+            sgemm.side(products, seconds=1.0),
+            unit="GFLOP/s",
+            target=">= 0.75",
+            settings=settings,
+            repeats=options.repeats,
+        )
+
+    return in_student_stage(measure, configuration(*PLAIN_SAC, threads=options.threads))
 
 
 def flops_same_shapes(options: Options) -> Result:
