@@ -47,6 +47,7 @@ class Manifest:
     seed: int
     wall_time: float
     run_id: str | None = None
+    threads: int | None = None
     format: int = FORMAT
 
     @property
@@ -148,11 +149,12 @@ def write_manifest(
     seed: int,
     wall_time: float,
     run_id: str | None = None,
+    threads: int | None = None,
 ) -> Manifest:
     """Describe every file under `directory` in manifest.json, which is written last."""
     files = {name: record_file(directory / name) for name in payload(directory)}
     manifest = Manifest(
-        stage, key, config, dict(inputs), files, dict(versions), revision, dirty, seed, wall_time, run_id
+        stage, key, config, dict(inputs), files, dict(versions), revision, dirty, seed, wall_time, run_id, threads
     )
     text = json.dumps({**asdict(manifest), "digest": manifest.digest}, indent=2, sort_keys=True)
     write_bytes(directory / MANIFEST, text.encode())

@@ -224,6 +224,9 @@ class Config:
     seed: int = key("seed of every random number", low=0)
     device: str = key("where the networks are trained", choices=("cpu", "cuda"))
     threads: int = key("threads of physics and networks; 0: all cores", low=0)
+    parallel_stages: bool = key(
+        "true: with two threads or more, stages that do not need each other run side by side, with half of them each"
+    )
     experiment: str = key("name of the preset")
     rom: Rom = field(default_factory=Rom)
     teacher: Teacher = field(default_factory=Teacher)

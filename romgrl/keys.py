@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -44,6 +44,34 @@ STAGES: dict[str, Stage] = {
     ),
 }
 LABELS = ("rom.name", "teacher.name", "humanoid.name", "student.name")  # say what was chosen, change nothing
+
+
+def plan(targets: Iterable[str], present: Callable[[str], bool]) -> list[str]:
+    """The targets and, for each that is not there, what it needs; upstream first."""
+    needed = set(targets)
+    for stage in reversed(STAGES):
+        if stage in needed and not present(stage):
+            needed |= set(STAGES[stage].upstream)
+    return [stage for stage in STAGES if stage in needed]
+
+
+def share_threads(stages: Collection[str], threads: int) -> dict[str, int]:
+    """Threads of each stage that is to be made: half of all where another does not need it, nor it the other.
+
+    Decided before the first stage starts, so that no result depends on how long another stage takes.
+    """
+    ahead = {stage: upstream_of(stage) for stage in stages}
+
+    def beside(stage: str) -> bool:
+        return any(one != stage and one not in ahead[stage] and stage not in ahead[one] for one in stages)
+
+    return {stage: max(1, threads // 2) if beside(stage) else threads for stage in stages}
+
+
+def upstream_of(stage: str) -> set[str]:
+    """Every stage that a stage needs, directly or through others."""
+    direct = STAGES[stage].upstream
+    return set(direct).union(*(upstream_of(name) for name in direct))
 
 
 def stage_config(stage: str, config: Config) -> Config:

@@ -1,35 +1,27 @@
-"""Run one configuration: each stage in its artifact directory, made once and reused wherever its key is the same."""
+"""Run one configuration: which stages there are to make, in which order, and which of them side by side."""
 
 from __future__ import annotations
 
-import importlib
 import os
-import shutil
 import signal
 import threading
-import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field, replace
+from collections.abc import Collection, Mapping, Sequence
+from concurrent.futures import FIRST_EXCEPTION, Future, ThreadPoolExecutor, wait
+from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from queue import SimpleQueue
 
-from filelock import FileLock, Timeout
 from rich.console import Console
 
-from romgrl.artifacts import Manifest, open_artifact, write_manifest
 from romgrl.config import Config
-from romgrl.errors import RomgrlError
-from romgrl.keys import STAGES, all_keys, stage_config, stage_settings
-from romgrl.progress import StageLog, TerminalLog, format_duration
-from romgrl.provenance import git_state, versions
+from romgrl.job import Job
+from romgrl.keys import STAGES, all_keys, plan, share_threads
+from romgrl.progress import make_bars
 from romgrl.summary import result_metrics, result_tables
 from romgrl.validation import validate
+from romgrl.worker import Worker, execute
 
-if TYPE_CHECKING:
-    from romgrl.tracking import TrackedRun, Tracker
-
-StageFunction = Callable[[Config, Mapping[str, Path], Path, StageLog], None]
+WORKERS = 2  # the graph has no three stages that do not need each other
 
 
 def run(
@@ -48,13 +40,14 @@ def run(
     tracking = config.tracking
     tracker = Tracker(uri=tracking.uri, experiment=tracking.experiment, outputs=outputs, enabled=tracking.enabled)
     tracked = tracker.start(name, parent=parent, tags={"stage": "job"}, params=asdict(config))
-    job = Job(config, tracker, tracked, console or Console(), all_keys(config))
+    console = console or Console()
+    job = Job(config, tracker, tracked, make_bars(console), all_keys(config))
     if parent is not None:
         job.say(f"job: {name}")
     status = "FAILED"
     try:
-        for stage in STAGES if config.stage == "all" else (config.stage,):
-            job.ensure(stage)
+        with job.bars:
+            run_stages(job)
         if "evaluation" in job.finished:
             tracked.metrics(result_metrics(job.finished["evaluation"]), 0)
         status = "FINISHED"
@@ -65,7 +58,7 @@ def run(
         tracked.finish(status)
     if "evaluation" in job.finished:
         for table in result_tables(job.finished["evaluation"]):
-            job.console.print(table)
+            console.print(table)
     if "report" in job.finished:
         job.say(f"figures and films: {job.finished['report']}")
     if tracked.run_id is not None:
@@ -87,121 +80,74 @@ def resolve(config: Config) -> Config:
     return replace(config, threads=config.threads or cores, paths=replace(config.paths, outputs=str(outputs)))
 
 
-def prepare(config: Config) -> None:
-    """Seed torch and numpy and set torch's threads and rounding, the same before every stage."""
-    import numpy as np
-    import torch
+def run_stages(job: Job) -> None:
+    """Make what is missing: in this process one after the other, or in two where stages can run side by side."""
+    config = job.config
 
-    torch.manual_seed(config.seed)
-    np.random.seed(config.seed)  # noqa: NPY002 - libraries may draw from the global generator
-    torch.set_num_threads(config.threads)
-    torch.set_flush_denormal(True)  # vanishing gradients cost up to 30 times the time
+    def present(stage: str) -> bool:
+        return job.directory(stage).exists()
+
+    stages = plan(STAGES if config.stage == "all" else [config.stage], present)
+    threads = dict.fromkeys(stages, config.threads)
+    if config.parallel_stages and config.threads >= WORKERS:
+        threads |= share_threads([stage for stage in stages if not present(stage)], config.threads)
+    if all(share == config.threads for share in threads.values()):
+        for stage in stages:
+            job.ensure(stage, runner=execute, threads=config.threads)
+    else:
+        run_side_by_side(job, stages, threads)
 
 
-@dataclass
-class Job:
-    """One configuration on its way through the stages."""
+def run_side_by_side(job: Job, stages: Sequence[str], threads: Mapping[str, int]) -> None:
+    """Make each stage as soon as what it needs is finished; the first that fails stops the others."""
+    workers = [Worker() for _ in range(WORKERS)]
+    idle: SimpleQueue[Worker] = SimpleQueue()
+    for worker in workers:
+        idle.put(worker)
 
-    config: Config
-    tracker: Tracker
-    run: TrackedRun
-    console: Console
-    keys: dict[str, str]
-    finished: dict[str, Path] = field(default_factory=dict)
-
-    def directory(self, stage: str) -> Path:
-        """Where the finished artifact of a stage is."""
-        return Path(self.config.paths.outputs) / "artifacts" / stage / self.keys[stage]
-
-    def say(self, text: str) -> None:
-        """Print one line as it is."""
-        self.console.print(text, markup=False, highlight=False, soft_wrap=True)
-
-    def ensure(self, stage: str) -> Path:
-        """Return the verified artifact of a stage; make it, and first what it needs, where there is none."""
-        if stage in self.finished:
-            return self.finished[stage]
-        directory = self.directory(stage)
-        if not directory.exists():
-            for upstream in STAGES[stage].upstream:
-                self.ensure(upstream)
-        with self.exclusive(directory):
-            reused = directory.exists()
-            manifest = open_artifact(directory, stage=stage) if reused else self.make(stage, directory)
-        self.finished[stage] = directory
-        if reused:
-            self.say(f"{stage}: reused; it took {format_duration(manifest.wall_time)}")
-            self.run.tags({f"romgrl.reused_from.{stage}": manifest.run_id or "untracked"})
-            self.run.metrics({f"time_saved/{stage}": manifest.wall_time}, 0)
-        self.run.tags({f"romgrl.key.{stage}": self.keys[stage], f"romgrl.run.{stage}": manifest.run_id or "untracked"})
-        self.say(f"artifact: {directory}")
-        self.say(f"mlflow run: {manifest.run_id or 'none'}")
-        return directory
-
-    @contextmanager
-    def exclusive(self, directory: Path) -> Iterator[None]:
-        """Let one process at a time make an artifact; the others wait and then find it."""
-        directory.parent.mkdir(parents=True, exist_ok=True)
-        lock = FileLock(directory.with_name(f".{directory.name}.lock"))
+    def ensure(stage: str, upstream: Sequence[Future[None]]) -> None:
+        for future in upstream:
+            future.result()
+        worker = idle.get()
         try:
-            lock.acquire(timeout=0)
-        except Timeout:
-            self.say(f"{directory.parent.name}: another process is making {directory.name}; waiting for it")
-            lock.acquire()
-        try:
-            yield
+            if job.stopping.is_set():
+                raise KeyboardInterrupt
+            job.ensure(stage, runner=worker.run, threads=threads[stage])
         finally:
-            lock.release()
+            idle.put(worker)
 
-    def make(self, stage: str, directory: Path) -> Manifest:
-        """Run a stage in `<key>.partial`, describe what it wrote, and rename the whole to `<key>`."""
-        config = stage_config(stage, self.config)
-        inputs = {upstream: self.finished[upstream] for upstream in STAGES[stage].upstream}
-        digests = {upstream: open_artifact(path, stage=upstream).digest for upstream, path in inputs.items()}
-        settings = stage_settings(stage, self.config)
-        partial = directory.with_name(f"{directory.name}.partial")
-        shutil.rmtree(partial, ignore_errors=True)
-        partial.mkdir(parents=True)
-        upstream_keys = " ".join(f"{name}={self.keys[name]}" for name in inputs)
-        tags = {"stage": stage, "key": self.keys[stage], "upstream": upstream_keys}
-        run = self.tracker.start(stage, parent=self.run.run_id, tags=tags, params=settings)
-        self.say(f"{stage}: started")
-        prepare(config)
-        start, status = time.monotonic(), "FAILED"
+    with ThreadPoolExecutor(len(stages)) as pool:
+        futures: dict[str, Future[None]] = {}
         try:
-            with TerminalLog(stage, partial, sink=run.metrics, console=self.console) as log:
-                load_function(STAGES[stage].function)(config, inputs, partial, log)
-            wall_time = time.monotonic() - start
-            revision, dirty = git_state()
-            manifest = write_manifest(
-                partial,
-                stage=stage,
-                key=self.keys[stage],
-                config=settings,
-                inputs=digests,
-                versions=versions(),
-                revision=revision,
-                dirty=dirty,
-                seed=config.seed,
-                wall_time=wall_time,
-                run_id=run.run_id,
-            )
-            run.artifacts(partial)
-            os.replace(partial, directory)
-            status = "FINISHED"
-        except (KeyboardInterrupt, RomgrlError) as error:
-            status = "KILLED" if isinstance(error, KeyboardInterrupt) else "FAILED"
-            ended = "interrupted" if isinstance(error, KeyboardInterrupt) else "failed"
-            self.say(f"{stage}: {ended} after {format_duration(time.monotonic() - start)}; kept {partial}")
-            raise
+            for stage in stages:
+                upstream = [futures[name] for name in STAGES[stage].upstream if name in futures]
+                futures[stage] = pool.submit(ensure, stage, upstream)
+            wait(futures.values(), return_when=FIRST_EXCEPTION)
         finally:
-            run.finish(status)
-        self.say(f"{stage}: done in {format_duration(wall_time)}")
-        return manifest
+            end(job, workers, futures.values())
+    raise_first([future.exception() for future in futures.values()])
 
 
-def load_function(entry: str) -> StageFunction:
-    """Import `module:function`."""
-    module, _, name = entry.partition(":")
-    function: StageFunction = getattr(importlib.import_module(module), name)
-    return function
+def end(job: Job, workers: Collection[Worker], futures: Collection[Future[None]]) -> None:
+    """Let the workers go. A stage that still runs is interrupted and saves itself; a second Ctrl-C does not wait."""
+    try:
+        if not all(future.done() for future in futures):
+            job.stopping.set()
+            for worker in workers:
+                worker.stop()
+            wait(futures)
+    except KeyboardInterrupt:
+        for worker in workers:
+            worker.kill()
+        wait(futures)
+        raise
+    finally:
+        for worker in workers:
+            worker.close()
+
+
+def raise_first(errors: Sequence[BaseException | None]) -> None:
+    """Raise the failure of a stage; stages that were interrupted because of it come second."""
+    ended = [error for error in errors if error is not None]
+    for error in sorted(ended, key=lambda error: isinstance(error, KeyboardInterrupt)):
+        raise error

@@ -70,42 +70,46 @@ class Curve:
             csv.writer(file).writerows([self._columns, *([*row, *[""] * len(new)] for row in rows)])
 
 
+def make_bars(console: Console) -> Progress:
+    """Make the display of all running stages, a line each; draw it, on a terminal, by using it in a `with` block."""
+    return Progress(
+        SpinnerColumn(),
+        TextColumn("[bold]{task.description}"),
+        BarColumn(bar_width=24),
+        TextColumn("{task.percentage:>3.0f}%"),
+        TextColumn("{task.fields[speed]}"),
+        TimeRemainingColumn(),
+        TextColumn("{task.fields[numbers]}"),
+        console=console,
+        transient=True,
+        refresh_per_second=4,
+        disable=not console.is_terminal,
+    )
+
+
 class TerminalLog:
-    """The StageLog of the pipeline. Use as a context manager: the bar lives inside the `with` block."""
+    """The StageLog of the pipeline. Use as a context manager: its line in `bars` lives inside the `with` block."""
 
     def __init__(
-        self, stage: str, output: Path, *, sink: MetricSink | None = None, console: Console | None = None
+        self, stage: str, output: Path, *, sink: MetricSink | None = None, bars: Progress | None = None
     ) -> None:
         self._stage = stage
-        self._console = console or Console()
+        self._bars = bars or make_bars(Console())
+        self._console = self._bars.console
         self._curve = Curve(output / "curve.csv")
         self._sink = sink
         self._start = self._last_plain = time.monotonic()
         self._first_step: int | None = None
         self._task: TaskID | None = None
-        self._bar = Progress(
-            SpinnerColumn(),
-            TextColumn("[bold]{task.description}"),
-            BarColumn(bar_width=24),
-            TextColumn("{task.percentage:>3.0f}%"),
-            TextColumn("{task.fields[speed]}"),
-            TimeRemainingColumn(),
-            TextColumn("{task.fields[numbers]}"),
-            console=self._console,
-            transient=True,
-            refresh_per_second=4,
-        )
 
     def __enter__(self) -> TerminalLog:
-        if self._console.is_terminal:
-            self._bar.start()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._console.is_terminal:
-            self._bar.stop()
+        if self._task is not None:
+            self._bars.remove_task(self._task)
 
     def progress(self, step: int, total: int, **numbers: float) -> None:
         now = time.monotonic()
@@ -115,10 +119,10 @@ class TerminalLog:
         rate = (step - self._first_step) / elapsed if elapsed > 0 else math.nan
         if self._console.is_terminal:
             if self._task is None:
-                self._task = self._bar.add_task(self._stage, total=total, speed="", numbers="")
+                self._task = self._bars.add_task(self._stage, total=total, speed="", numbers="")
             speed = f"{rate:,.0f} steps/s" if math.isfinite(rate) else ""
             shown = "  ".join(f"{name} {value:.3g}" for name, value in numbers.items())
-            self._bar.update(self._task, completed=step, total=total, speed=speed, numbers=shown)
+            self._bars.update(self._task, completed=step, total=total, speed=speed, numbers=shown)
         elif now - self._last_plain >= PLAIN_INTERVAL:
             self._last_plain = now
             left = format_duration((total - step) / rate) if rate > 0 else "?"

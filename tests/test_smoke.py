@@ -15,7 +15,7 @@ import pytest
 from mlflow import MlflowClient
 from rich.console import Console
 
-from romgrl import pipeline
+from romgrl import pipeline, worker
 from romgrl.artifacts import load_arrays, load_tensors, open_artifact
 from romgrl.config import STAGES, Config
 from romgrl.humanoid import model
@@ -24,7 +24,14 @@ from romgrl.tracking import default_uri
 from romgrl.validation import schema_keys
 from tests.conftest import Composer
 
-FREE = {"device", "threads", "stage", "experiment", *LABELS}  # may be read anywhere, change no result
+FREE = {
+    "device",
+    "threads",
+    "parallel_stages",
+    "stage",
+    "experiment",
+    *LABELS,
+}  # may be read anywhere, change no result
 SIZELESS = {"humanoid.actuation", "humanoid.substeps"}  # the teacher builds the body only to measure it
 CHANNELS = ["pelvis_y", "left_foot_x", "left_foot_z", "right_foot_x", "right_foot_z", "average"]
 
@@ -42,7 +49,7 @@ class Reads:
         self._watch(monkeypatch, Config, "")
         for name, schema in groups.items():
             self._watch(monkeypatch, schema, f"{name}.")
-        load = pipeline.load_function
+        load = worker.load_function
 
         def watched_load(entry: str) -> Callable[..., None]:
             function = load(entry)
@@ -56,7 +63,7 @@ class Reads:
 
             return watched
 
-        monkeypatch.setattr(pipeline, "load_function", watched_load)
+        monkeypatch.setattr(worker, "load_function", watched_load)
 
     def _watch(self, monkeypatch: pytest.MonkeyPatch, schema: Any, prefix: str) -> None:
         known, reads = schema_keys(), self

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
+import torch
 
 from romgrl import keys
 from romgrl.artifacts import save_arrays
@@ -19,19 +20,40 @@ from romgrl.progress import StageLog
 def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog) -> None:
     """Write an array, a curve and, for the evaluation, its tables."""
     stage = output.parent.name
-    with (output.parents[1] / "calls.txt").open("a") as calls:
-        calls.write(f"{stage} {config.speed} {config.eta} {config.seed}\n")
+    note(output, "calls.txt", stage, config.speed, config.eta, config.seed)
+    start = time.time()
     fault = os.environ.get("FAKE_FAULT", "")
     if fault.startswith(f"{stage}:"):
         save_arrays(output / "half.npz", {"x": np.ones(1)})
+        wait_for(output.parents[1] / "calls.txt", int(os.environ.get("FAKE_FAULT_CALLS", "1")))
         raise KeyboardInterrupt if fault.endswith("interrupt") else DivergenceError(f"{stage}: loss = nan at step 7")
-    time.sleep(float(os.environ.get("FAKE_SECONDS", "0")))
+    log.progress(0, 3, loss=1.0)
+    try:
+        time.sleep(float(os.environ.get("FAKE_SECONDS", "0")))
+    except KeyboardInterrupt:
+        save_arrays(output / "half.npz", {"x": np.ones(1)})
+        raise
     for step in range(3):
         log.progress(step, 3, loss=1.0)
         log.metrics({"loss": float(step)}, step * 10)
+    note(output, "times.txt", stage, start, time.time(), os.getpid(), config.threads, torch.get_num_threads())
     save_arrays(output / "data.npz", {"x": np.arange(4.0), "upstream": np.array(sorted(inputs))})
     if stage == "evaluation":
         (output / "mse.csv").write_text("channel,alignment,baseline,student,reduction_percent\naverage,raw,2,1,50\n")
+
+
+def note(output: Path, file: str, *words: object) -> None:
+    """Add a line to a file beside all artifacts."""
+    with (output.parents[1] / file).open("a") as lines:
+        lines.write(" ".join(str(word) for word in words) + "\n")
+
+
+def wait_for(path: Path, lines: int) -> None:
+    """Wait until a file has so many lines."""
+    deadline = time.monotonic() + 60
+    while not path.exists() or len(path.read_text().splitlines()) < lines:
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
 
 
 def install() -> None:

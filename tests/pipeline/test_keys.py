@@ -34,6 +34,7 @@ TABLE = {
     "seed=1": ALL,
     "device=cuda": set(),
     "threads=1": set(),
+    "parallel_stages=false": set(),
     "stage=teacher": set(),
     "tracking=none": set(),
     "tracking.experiment=mine": set(),
@@ -49,7 +50,7 @@ def test_which_key_changes_what(compose_config: Composer, override: str) -> None
 
 def test_every_key_is_semantic_or_cosmetic(compose_config: Composer) -> None:
     """Changing any leaf changes at least one stage, unless it is one of the listed cosmetic ones."""
-    cosmetic = {"stage", "device", "threads", "experiment", "paths.outputs", *LABELS}
+    cosmetic = {"stage", "device", "threads", "parallel_stages", "experiment", "paths.outputs", *LABELS}
     cosmetic |= {key for key in schema_keys() if key.startswith("tracking.")}
     config = compose_config()
     before = all_keys(config)

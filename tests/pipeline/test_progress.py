@@ -8,7 +8,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from romgrl.progress import TerminalLog, format_duration
+from romgrl.progress import TerminalLog, format_duration, make_bars
 
 
 def test_curve_widens_when_a_metric_appears(tmp_path: Path) -> None:
@@ -23,7 +23,7 @@ def test_curve_widens_when_a_metric_appears(tmp_path: Path) -> None:
 
 def test_without_a_terminal_lines_come_now_and_then(tmp_path: Path) -> None:
     console = Console(file=io.StringIO(), width=200)
-    with TerminalLog("student", tmp_path, console=console) as log:
+    with TerminalLog("student", tmp_path, bars=make_bars(console)) as log:
         for step in range(1000):
             log.progress(step, 1000, speed=3.5)
         log.message("[bold]16 of 16 upright")
@@ -32,7 +32,8 @@ def test_without_a_terminal_lines_come_now_and_then(tmp_path: Path) -> None:
 
 def test_progress_costs_little(tmp_path: Path) -> None:
     """A thousand calls in well under a tenth of a second, on a terminal too."""
-    with TerminalLog("x", tmp_path, console=Console(file=io.StringIO(), force_terminal=True, width=120)) as log:
+    bars = make_bars(Console(file=io.StringIO(), force_terminal=True, width=120))
+    with bars, TerminalLog("x", tmp_path, bars=bars) as log:
         start = time.perf_counter()
         for step in range(1000):
             log.progress(step, 1000, speed=3.5, episode=2.0)

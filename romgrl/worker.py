@@ -1,0 +1,176 @@
+"""Where a stage runs: in this process, or in a worker, a process of its own that reports over a pipe."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+import traceback
+from collections.abc import Callable, Mapping
+from multiprocessing import Pipe
+from multiprocessing.connection import Connection
+from pathlib import Path
+from types import FrameType
+
+from romgrl.config import Config
+from romgrl.errors import RomgrlError
+from romgrl.progress import StageLog
+
+StageFunction = Callable[[Config, Mapping[str, Path], Path, StageLog], None]
+Runner = Callable[[str, Config, Mapping[str, Path], Path, StageLog], None]
+
+PROGRESS_INTERVAL = 0.2  # seconds between reports of a worker, about as often as the bar is drawn
+
+
+def execute(entry: str, config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog) -> None:
+    """Run the stage function `module:function` in this process."""
+    # Read when torch is imported; threads that spin while they wait are slow on cores that others use, too.
+    os.environ["OMP_NUM_THREADS"] = str(config.threads)
+    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+    prepare(config)
+    load_function(entry)(config, inputs, output, log)
+
+
+def prepare(config: Config) -> None:
+    """Seed torch and numpy and set torch's threads and rounding, the same before every stage."""
+    import numpy as np
+    import torch
+
+    torch.manual_seed(config.seed)
+    np.random.seed(config.seed)  # noqa: NPY002 - libraries may draw from the global generator
+    torch.set_num_threads(config.threads)
+    torch.set_flush_denormal(True)  # vanishing gradients cost up to 30 times the time
+
+
+def load_function(entry: str) -> StageFunction:
+    """Import `module:function`."""
+    module, _, name = entry.partition(":")
+    function: StageFunction = getattr(importlib.import_module(module), name)
+    return function
+
+
+class Worker:
+    """A process that runs one stage after the other; it starts with the first. Threads may share one."""
+
+    def __init__(self) -> None:
+        self._process: subprocess.Popen[bytes] | None = None
+        self._connection: Connection | None = None
+        self._stopped = False
+        self._starting = threading.Lock()
+
+    def run(self, entry: str, config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog) -> None:
+        """Run a stage to its end and pass on what it says; raises what it raised."""
+        connection = self._start()
+        try:
+            connection.send((entry, config, dict(inputs), output))
+            while (message := connection.recv()) is not None:
+                if isinstance(message, BaseException):
+                    raise message
+                method, arguments, numbers = message
+                getattr(log, method)(*arguments, **numbers)
+        except (EOFError, ConnectionError) as error:
+            if self._stopped:
+                raise KeyboardInterrupt from None
+            raise RomgrlError(f"{output.parent.name}: its process ended with {self._exit_status()}") from error
+
+    def stop(self) -> None:
+        """Interrupt the stage, which ends in good order; no other one starts here."""
+        with self._starting:
+            self._stopped = True
+            if self._process is not None and self._process.poll() is None:
+                self._process.terminate()
+
+    def close(self) -> None:
+        """End the process, which has nothing to do any more."""
+        if self._connection is not None:
+            self._connection.close()
+        if self._process is not None:
+            self._process.wait()
+
+    def kill(self) -> None:
+        """End the process at once."""
+        if self._process is not None:
+            self._process.kill()
+
+    def _start(self) -> Connection:
+        with self._starting:
+            if self._stopped:
+                raise KeyboardInterrupt
+            if self._connection is None:
+                self._connection, remote = Pipe()
+                self._process = subprocess.Popen(
+                    [sys.executable, "-m", "romgrl.worker", str(remote.fileno())],
+                    pass_fds=[remote.fileno()],
+                    start_new_session=True,  # the terminal's Ctrl-C comes to the pipeline alone, which passes it on
+                )
+                remote.close()
+            return self._connection
+
+    def _exit_status(self) -> str:
+        code = self._process.wait() if self._process is not None else 0
+        return signal.Signals(-code).name if code < 0 else f"exit code {code}"
+
+
+class PipeLog:
+    """The StageLog of a worker: the pipeline's own log says and records everything."""
+
+    def __init__(self, connection: Connection) -> None:
+        self._connection = connection
+        self._last_progress = 0.0
+
+    def progress(self, step: int, total: int, **numbers: float) -> None:
+        now = time.monotonic()
+        if now - self._last_progress >= PROGRESS_INTERVAL:
+            self._last_progress = now
+            shown = {name: float(value) for name, value in numbers.items()}
+            self._connection.send(("progress", (step, total), shown))
+
+    def metrics(self, values: Mapping[str, float], step: int) -> None:
+        self._connection.send(("metrics", ({name: float(value) for name, value in values.items()}, step), {}))
+
+    def message(self, text: str) -> None:
+        self._connection.send(("message", (text,), {}))
+
+
+def serve(connection: Connection) -> None:
+    """Run the stages that come over the pipe, and say after each how it ended: None is well. Ends when interrupted."""
+    while True:
+        try:
+            entry, config, inputs, output = connection.recv()
+        except EOFError:
+            return
+        outcome: BaseException | None = None
+        try:
+            execute(entry, config, inputs, output, PipeLog(connection))
+        except (KeyboardInterrupt, RomgrlError) as error:
+            outcome = error
+        except Exception:
+            outcome = RuntimeError(f"in the process of the stage:\n{traceback.format_exc()}")
+        connection.send(outcome)
+        if isinstance(outcome, KeyboardInterrupt):
+            return
+
+
+def interrupt_once(number: int, frame: FrameType | None) -> None:
+    """Let the first signal interrupt the stage, and no second one its checkpoint."""
+    for signal_number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(signal_number, lambda number, frame: None)
+    raise KeyboardInterrupt
+
+
+def main() -> None:
+    """Serve the pipe whose file descriptor is the only argument."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, interrupt_once)
+    try:
+        serve(Connection(int(sys.argv[1])))
+    except (KeyboardInterrupt, OSError):  # stopped while idle, or the pipeline is gone
+        sys.exit(130)
+
+
+if __name__ == "__main__":
+    main()
