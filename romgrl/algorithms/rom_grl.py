@@ -51,7 +51,7 @@ class RomGrl:
 
     def scale_learning_rates(self, scale: float) -> None:
         """Set the agent's learning rates to their configured values times `scale`; the discriminator keeps its own."""
-        for optimizer in (self.sac.policy_optimizer, self.sac.critic_optimizer, self.sac.temperature_optimizer):
+        for optimizer in (self.sac.policy_optimizer, self.sac.critic_optimizer):
             for group in optimizer.param_groups:
                 group["lr"] = scale * group.setdefault("initial_lr", group["lr"])
 

@@ -70,9 +70,10 @@ class SAC:
         self.target.flat.copy_(self.critic.flat)
         self.log_temperature = torch.tensor([math.log(initial_temperature)], device=device)
         self.log_temperature.grad = torch.zeros_like(self.log_temperature)
-        self.policy_optimizer = _adam(self.policy.flat, policy_learning_rate)
-        self.critic_optimizer = _adam(self.critic.flat, critic_learning_rate)
-        self.temperature_optimizer = _adam(self.log_temperature, temperature_learning_rate)
+        policy = {"params": [self.policy.flat], "lr": policy_learning_rate}
+        temperature = {"params": [self.log_temperature], "lr": temperature_learning_rate}
+        self.policy_optimizer = torch.optim.Adam([policy, temperature], fused=True)
+        self.critic_optimizer = torch.optim.Adam([self.critic.flat], lr=critic_learning_rate, fused=True)
         self.actions = slice(observation_size, observation_size + action_size)
         self.updates = 0
         self._tapes: dict[tuple[str, int], Tape] = {}
@@ -100,7 +101,6 @@ class SAC:
             metrics |= self.policy_gradient(batch.observation, noise)
         if due:
             self.policy_optimizer.step()
-            self.temperature_optimizer.step()
             self.average.flat.lerp_(self.policy.flat, 1 - self.policy_average)
         self.target.flat.lerp_(self.critic.flat, self.tau)
         self.updates += 1
@@ -155,10 +155,6 @@ class SAC:
         if (use, rows) not in self._tapes:
             self._tapes[use, rows] = network.tape(rows)
         return self._tapes[use, rows]
-
-
-def _adam(flat: Tensor, learning_rate: float) -> torch.optim.Adam:
-    return torch.optim.Adam([flat], lr=learning_rate, fused=True)
 
 
 class DeterministicPolicy:

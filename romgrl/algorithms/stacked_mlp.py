@@ -27,8 +27,8 @@ class Tape:
     """Buffers of one forward pass, which the backward pass reads; the next pass writes over them."""
 
     inputs: list[Tensor]  # of each layer, (S, B, I)
-    centred: list[Tensor]  # z - mean z of each hidden layer, (S, B, O); z itself without layer norm
-    scale: list[Tensor]  # 1 / sqrt(var z + eps), (S, B, 1)
+    centred: list[Tensor]  # z - mean z of each hidden layer, (S, B, O); none without layer norm
+    scale: list[Tensor]  # 1 / sqrt(var z + eps), (S, B, 1); none without layer norm
     output: Tensor  # (S, B, O)
 
 
@@ -86,8 +86,8 @@ class StackedMLP:
         hidden = self.sizes[1:-1]
         return Tape(
             inputs=[empty(0), *map(empty, hidden)],
-            centred=[empty(size) for size in hidden],
-            scale=[empty(1) for _ in hidden],
+            centred=[empty(size) for size in hidden if self.layer_norm],
+            scale=[empty(1) for _ in hidden if self.layer_norm],
             output=empty(self.sizes[-1]),
         )
 
@@ -95,15 +95,16 @@ class StackedMLP:
         """Outputs (S, B, O) for inputs (B, I), in a buffer of the tape."""
         tape.inputs[0] = inputs.expand(self.stack, -1, -1)
         for layer in range(len(self.sizes) - 2):
-            z, scale, following = tape.centred[layer], tape.scale[layer], tape.inputs[layer + 1]
+            z = following = tape.inputs[layer + 1]
+            if self.layer_norm:
+                z, scale = tape.centred[layer], tape.scale[layer]
             torch.baddbmm(self.biases[layer], tape.inputs[layer], self.weights[layer], out=z)
             if self.layer_norm:
                 z.sub_(z.mean(-1, keepdim=True))
                 torch.linalg.vector_norm(z, dim=-1, keepdim=True, out=scale)
                 scale.square_().mul_(1 / z.shape[-1]).add_(EPSILON).rsqrt_()
-                torch.mul(z, scale, out=following).relu_()
-            else:
-                torch.clamp_min(z, 0, out=following)
+                torch.mul(z, scale, out=following)
+            following.relu_()
         return self._head(tape.inputs[-1], tape.output)
 
     def _head(self, x: Tensor, output: Tensor) -> Tensor:
@@ -124,7 +125,7 @@ class StackedMLP:
             if layer == 0:
                 break
             gradient = gradient * weight.mT if weight.shape[2] == 1 else torch.bmm(gradient, weight.mT)
-            gradient = torch.ops.aten.threshold_backward(gradient, x, 0)
+            torch.ops.aten.threshold_backward.grad_input(gradient, x, 0, grad_input=gradient)
             if self.layer_norm:
                 z, scale = tape.centred[layer - 1], tape.scale[layer - 1]
                 gradient = torch.ops.aten.native_layer_norm_backward(

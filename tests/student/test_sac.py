@@ -197,7 +197,7 @@ def test_temperature_falls_while_entropy_is_above_its_target() -> None:
     sac, batch = SAC(**{**SETTINGS, "target_entropy_scale": 50.0}), make_batch()
     for _ in range(20):
         sac.policy_gradient(batch.observation, torch.randn(16, 2))
-        sac.temperature_optimizer.step()
+        sac.policy_optimizer.step()
     assert float(sac.log_temperature.exp()) < 0.2
 
 
