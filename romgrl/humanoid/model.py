@@ -101,7 +101,8 @@ def body_ids(model: mujoco.MjModel) -> NDArray[np.int64]:
 
 def lowest_point(model: mujoco.MjModel, data: mujoco.MjData) -> float:
     """Height of the lowest point of the shapes that can touch the floor, m, from geom_xpos and geom_xmat."""
-    solid = np.flatnonzero((model.geom_bodyid > 0) & (model.geom_conaffinity > 0))
+    paired = np.isin(np.arange(model.ngeom), model.pair_geom2)
+    solid = np.flatnonzero((model.geom_bodyid > 0) & (paired | (model.geom_conaffinity > 0)))
     down = np.abs(data.geom_xmat[solid].reshape(-1, 3, 3)[:, 2, :])
     size, kind = model.geom_size[solid], model.geom_type[solid]
     kinds = mujoco.mjtGeom

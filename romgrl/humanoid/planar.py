@@ -22,7 +22,7 @@ def hold_in_plane(spec: mujoco.MjSpec, *, actuation: str) -> None:
 
     Other joints and their actuators go, hands are welded, and only the floor is touched (no self-collision), which
     keeps the two halves of the body independent and the physics fast. Raises ConfigurationError if bodies, joints or
-    actuators are missing.
+    actuators are missing or a joint is not at the origin of its body.
     """
     bodies = {body.name: body for body in spec.bodies}
     missing = [name for name in BODIES if name not in bodies]
@@ -45,6 +45,7 @@ def hold_in_plane(spec: mujoco.MjSpec, *, actuation: str) -> None:
         is_floor = geom.parent.name == "world"
         touches = bool(geom.contype or geom.conaffinity)
         geom.contype, geom.conaffinity = (int(touches and is_floor), int(touches and not is_floor))
+    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_ISLAND.value  # one tree is one island
 
 
 def _rotation(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -77,6 +78,8 @@ def _pitch_joint(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> str:
     if not hinges:
         raise ConfigurationError(f"humanoid.xml: body {body.name} has no hinge")
     joint = max(hinges, key=lambda candidate: abs(float(np.dot(candidate.axis, lateral))))
+    if np.any(joint.pos):
+        raise ConfigurationError(f"humanoid.xml: joint {joint.name} must be at the origin of its body")
     if np.dot(joint.axis, lateral) < 0:
         joint.range = [-joint.range[1], -joint.range[0]]
         joint.springref, joint.ref = -joint.springref, -joint.ref
