@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypedDict
 
 import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from romgrl.humanoid.model import dimensions
+from romgrl.humanoid.model import CONTROL_FREQUENCY, dimensions
 from romgrl.humanoid.skeleton import BODIES
 
 Array = NDArray[np.float64]
@@ -17,11 +18,6 @@ Flags = NDArray[np.bool_]
 
 PELVIS, HEAD, NECK = (BODIES.index(name) for name in ("Pelvis", "Head", "Neck"))
 ANKLES = tuple(BODIES.index(name) for name in ("L_Ankle", "R_Ankle"))
-
-EPISODE_STEPS = 300
-RESET_SPEED = (0.0, 1.0)
-FALL_PELVIS_HEIGHT, FALL_HEAD_HEIGHT, FALL_TRUNK_LEAN = 0.65, 0.62, 0.8
-"""Defaults of the environments."""
 
 VELOCITY_LIMIT = 200.0
 """A joint speed (rad/s or m/s) that no body reaches: the simulation has diverged."""
@@ -65,6 +61,28 @@ def diverged(qpos: Array, qvel: Array, warnings: NDArray[np.int32]) -> Flags:
     return ~(finite & possible) | warned
 
 
+class SpeedSettings(TypedDict, total=False):
+    """The arguments that both environments share; their defaults are those of `SpeedTask.of`."""
+
+    speed: float
+    """Target speed, m/s."""
+    alpha: float
+    """Sensitivity of the reward exp(-alpha |v - speed|), s/m; v is the mean forward velocity of the pelvis over the
+    control step."""
+    episode_steps: int
+    """An episode is truncated after this many control steps."""
+    reset_speed: Sequence[float]
+    """Range of the forward speed at reset, share of `speed`."""
+    fall_pelvis_height: float
+    """An episode ends when the pelvis is below this share of its standing height."""
+    fall_head_height: float
+    """The same for the head."""
+    fall_trunk_lean: float
+    """An episode ends beyond this lean of the pelvis-neck line, rad."""
+    control_frequency: float
+    """Control steps per second; a whole number of the model's timesteps."""
+
+
 @dataclass(frozen=True)
 class SpeedTask:
     """Running at a speed: the numbers of the task for one model, in SI units."""
@@ -87,16 +105,16 @@ class SpeedTask:
         cls,
         model: mujoco.MjModel,
         *,
-        speed: float,
-        alpha: float,
-        episode_steps: int,
-        reset_speed: Sequence[float],
-        fall_pelvis_height: float,
-        fall_head_height: float,
-        fall_trunk_lean: float,
-        control_frequency: float,
+        speed: float = 4.0,
+        alpha: float = 1.0,
+        episode_steps: int = 300,
+        reset_speed: Sequence[float] = (0.0, 1.0),
+        fall_pelvis_height: float = 0.65,
+        fall_head_height: float = 0.62,
+        fall_trunk_lean: float = 0.8,
+        control_frequency: float = CONTROL_FREQUENCY,
     ) -> SpeedTask:
-        """Heights from shares of the model's own; ValueError for arguments out of range."""
+        """The task of `SpeedSettings` for this model; ValueError for arguments out of range."""
         if len(reset_speed) != 2 or not 0 <= reset_speed[0] <= reset_speed[1] < np.inf:
             raise ValueError(f"reset_speed must be a range of shares of the speed, not {reset_speed}")
         _check_at_least_zero(speed=speed, fall_pelvis_height=fall_pelvis_height, fall_head_height=fall_head_height)

@@ -11,7 +11,9 @@ import pytest
 
 from romgrl.errors import ConfigurationError
 from romgrl.humanoid.anthropometry import DE_LEVA, MASS_SHARES, mass_fraction
+from romgrl.humanoid.human import human_spec
 from romgrl.humanoid.model import build, dimensions
+from romgrl.humanoid.planar import hold_in_plane
 from romgrl.humanoid.skeleton import BODIES, HINGES, PARENTS, mirror_joints, other_side
 from tests.humanoid.files import humenv_xml
 
@@ -184,6 +186,23 @@ def test_wrong_file_is_one_line(tmp_path: Path, text: str) -> None:
     with pytest.raises(ConfigurationError, match=r"humanoid\.xml") as error:
         build(xml=path)
     assert "\n" not in str(error.value)
+
+
+def test_joint_away_from_its_body_is_refused() -> None:
+    spec = human_spec(height=1.741, mass=73.0)
+    spec.joint("L_Knee").pos = [0, 0.01, 0]
+    with pytest.raises(ConfigurationError, match="L_Knee must be at the origin"):
+        hold_in_plane(spec, actuation="servo")
+
+
+def test_every_sole_touches_the_floor_and_nothing_else() -> None:
+    model = build()
+    soles = [name for side in "LR" for name in (f"{side}_Knee", f"{side}_Ankle", f"{side}_Toe")]
+    touched = {model.body(model.geom_bodyid[geom]).name for geom in model.pair_geom2}
+    assert touched == set(soles)
+    assert set(model.pair_geom1) == {model.geom("floor").id}
+    assert not model.geom_contype.any()
+    assert not model.geom_conaffinity.any()
 
 
 def test_the_users_own_humanoid() -> None:

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import mujoco
 import numpy as np
 import pytest
 
 from romgrl.humanoid.model import build
 from romgrl.humanoid.observation import OBSERVATION_SIZE, observe, varying_columns
+from romgrl.humanoid.observer import PlanarObserver
 from romgrl.humanoid.skeleton import BODIES, mirror_action, mirror_joints, mirror_observation
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 from tests.humanoid.files import humenv_cases, humenv_xml
@@ -82,6 +86,46 @@ def _chain() -> str:
 FREE_BODIES = _chain()
 
 
+def humanoids() -> list[Any]:
+    return [
+        pytest.param(lambda: build(), id="own"),
+        pytest.param(lambda: build(xml=humenv_xml(), substeps=15), id="humenv"),
+    ]
+
+
+@pytest.mark.parametrize("make", humanoids())
+def test_planar_observer_equals_observe(make: Callable[[], mujoco.MjModel]) -> None:
+    """Upside down and facing backward too, to float32 rounding."""
+    model, generator = make(), np.random.default_rng(0)
+    qpos, qvel = generator.uniform(-3, 3, (200, 24)), generator.normal(0, 5, (200, 24))
+    seen, position = PlanarObserver(model)(qpos, qvel)
+    assert (np.cos(qpos[:, 2]) < 0).any()
+    for row in range(200):
+        data = planar_data(model, qpos[row], qvel[row])
+        assert seen[row] == pytest.approx(observe(model, data), rel=2e-7, abs=1e-12)
+        assert position[row] == pytest.approx(data.xpos[1:], abs=1e-12)
+
+
+def test_planar_observer_reads_rows_of_a_larger_array() -> None:
+    model, states = build(), np.random.default_rng(0).uniform(-1, 1, (6, 100))
+    columns = varying_columns(model)
+    qpos, qvel = states[:, 3:27], states[:, 40:64]
+    whole, position = PlanarObserver(model)(qpos, qvel)
+    some, origins = PlanarObserver(model, columns)(qpos[2:4].copy(), qvel[2:4].copy())
+    assert np.array_equal(some, whole[2:4][:, columns])
+    assert np.array_equal(origins, position[2:4])
+
+
+def test_planar_observer_rejects_wrong_shapes() -> None:
+    observer = PlanarObserver(build())
+    with pytest.raises(ValueError, match="qpos"):
+        observer(np.zeros((2, 23)), np.zeros((2, 24)))
+    with pytest.raises(ValueError, match="qvel"):
+        observer(np.zeros((2, 24)), np.zeros((1, 24)))
+    with pytest.raises(ValueError, match="column"):
+        PlanarObserver(build(), np.array([358]))(np.zeros((2, 24)), np.zeros((2, 24)))
+
+
 def test_vectorised_equals_observe() -> None:
     env = PlanarHumanoidVectorEnv(num_envs=16)
     env.reset(seed=0)
@@ -90,7 +134,21 @@ def test_vectorised_equals_observe() -> None:
         observation, *_ = env.step(generator.uniform(-1, 1, (16, 21)).astype(np.float32))
     for row, state in enumerate(env.states()):
         expected = observe(env.model, planar_data(env.model, state[:24], state[24:]))
-        assert np.array_equal(observation[row], expected.astype(np.float32))
+        assert observation[row] == pytest.approx(expected, rel=2e-7, abs=1e-12)
+
+
+def test_compact_observations_are_columns_of_the_full_ones() -> None:
+    full, compact = (PlanarHumanoidVectorEnv(num_envs=8, episode_steps=6, compact=compact) for compact in (False, True))
+    columns = full.compact_columns
+    assert compact.single_observation_space.shape == (len(columns),)
+    assert np.array_equal(full.reset(seed=0)[0][:, columns], compact.reset(seed=0)[0])
+    generator = np.random.default_rng(0)
+    for _ in range(12):
+        action = generator.uniform(-1, 1, (8, 21)).astype(np.float32)
+        (whole, *_, before), (some, *_, after) = full.step(action), compact.step(action)
+        assert np.array_equal(whole[:, columns], some)
+        assert np.array_equal(before["final_obs"][:, columns], after["final_obs"])
+    assert np.array_equal(full.set_states(full.states())[:, columns], compact.set_states(compact.states()))
 
 
 def test_compact_columns() -> None:

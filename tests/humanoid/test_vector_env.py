@@ -111,6 +111,25 @@ def test_resets_touch_the_ground_and_come_from_both_sides() -> None:
     assert info["forward_velocity"].max() <= 3.001
 
 
+def test_nothing_of_an_episode_survives_its_end() -> None:
+    """A row that starts anew goes on like one that was placed in the same state."""
+    env = PlanarHumanoidVectorEnv(num_envs=4, episode_steps=5)
+    env.reset(seed=0)
+    for action in actions(5, 4):
+        env.step(action)
+    other = PlanarHumanoidVectorEnv(num_envs=4)
+    other.set_states(env.states())
+    action = np.zeros((4, 21), dtype=np.float32)
+    env.step(action)
+    other.step(action)
+    assert np.array_equal(env.states(), other.states())
+
+
+def test_unknown_argument() -> None:
+    with pytest.raises(TypeError, match="sped"):
+        PlanarHumanoidVectorEnv(sped=1.0)
+
+
 def test_resets_do_not_fall_at_once() -> None:
     env = PlanarHumanoidVectorEnv(num_envs=128)
     env.reset(seed=0)

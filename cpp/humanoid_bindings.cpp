@@ -1,0 +1,87 @@
+// Python module romgrl.humanoid._core: observations of many planar humanoids from their joint angles.
+#include <cstdint>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include <pybind11/numpy.h>
+#include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
+
+#include "humanoid_bodies.hpp"
+
+namespace py = pybind11;
+using romgrl::Body;
+using romgrl::kBodies;
+using romgrl::kObservation;
+using romgrl::PlanarBodies;
+using romgrl::Vector;
+
+namespace {
+
+// In the place of MuJoCo's timer.
+double no_time() { return 0.0; }
+
+// Rows of joint values that may lie apart, each contiguous: views of a larger array of states.
+struct Rows {
+    Rows(const py::array_t<double>& array, py::ssize_t count, py::ssize_t columns, const char* name)
+        : first(reinterpret_cast<const char*>(array.data())), stride(array.ndim() == 2 ? array.strides(0) : 0) {
+        if (array.ndim() != 2 || array.shape(0) != count || array.shape(1) != columns ||
+            array.strides(1) != static_cast<py::ssize_t>(sizeof(double))) {
+            throw py::value_error(std::string(name) + " must have shape (" + std::to_string(count) + ", " +
+                                  std::to_string(columns) + ") and contiguous rows");
+        }
+    }
+
+    const double* operator[](py::ssize_t row) const { return reinterpret_cast<const double*>(first + row * stride); }
+
+    const char* first;
+    py::ssize_t stride;
+};
+
+template <typename T>
+T* writeable(py::array_t<T>& array, std::vector<py::ssize_t> shape, const char* name) {
+    bool fits = array.ndim() == static_cast<py::ssize_t>(shape.size()) && (array.flags() & py::array::c_style);
+    for (std::size_t k = 0; fits && k < shape.size(); ++k) fits = array.shape(k) == shape[k];
+    if (!fits) throw py::value_error(std::string(name) + " has the wrong shape or is not contiguous");
+    return array.mutable_data();
+}
+
+void observe(const PlanarBodies& bodies, const py::array_t<double>& qpos, const py::array_t<double>& qvel,
+             const py::array_t<int, py::array::c_style>& columns, py::array_t<float> observation,
+             py::array_t<double> position) {
+    const py::ssize_t count = qpos.ndim() == 2 ? qpos.shape(0) : 0, width = columns.size();
+    const int* column = columns.data();
+    const Rows positions(qpos, count, bodies.joints(), "qpos"), velocities(qvel, count, bodies.joints(), "qvel");
+    float* seen = writeable(observation, {count, width}, "observation");
+    double* origins = writeable(position, {count, kBodies, 3}, "position");
+    for (py::ssize_t k = 0; k < width; ++k) {
+        if (column[k] < 0 || column[k] >= kObservation) throw py::value_error("no such column of the observation");
+    }
+    py::gil_scoped_release release;
+    float all[kObservation];
+    for (py::ssize_t row = 0; row < count; ++row) {
+        bodies.observe(positions[row], velocities[row], all, origins + row * kBodies * 3);
+        for (py::ssize_t k = 0; k < width; ++k) *seen++ = all[column[k]];
+    }
+}
+
+PlanarBodies make(const std::vector<int>& parents, const std::vector<int>& joints, const std::vector<Vector>& offsets,
+                  const std::vector<Vector>& x_axes, const std::vector<Vector>& z_axes, std::vector<double> rest) {
+    std::vector<Body> bodies;
+    for (std::size_t i = 0; i < parents.size(); ++i) {
+        bodies.push_back({parents[i], joints.at(i), offsets.at(i), x_axes.at(i), z_axes.at(i)});
+    }
+    return {std::move(bodies), std::move(rest)};
+}
+
+}  // namespace
+
+PYBIND11_MODULE(_core, module) {
+    module.attr("NO_TIME") = reinterpret_cast<std::uintptr_t>(&no_time);
+    py::class_<PlanarBodies>(module, "PlanarBodies")
+        .def(py::init(&make), py::kw_only(), py::arg("parents"), py::arg("joints"), py::arg("offsets"),
+             py::arg("x_axes"), py::arg("z_axes"), py::arg("rest"))
+        .def("observe", &observe, py::arg("qpos").noconvert(), py::arg("qvel").noconvert(), py::arg("columns").noconvert(),
+             py::arg("observation").noconvert(), py::arg("position").noconvert());
+}

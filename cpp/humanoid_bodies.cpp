@@ -1,0 +1,88 @@
+#include "humanoid_bodies.hpp"
+
+#include <cmath>
+#include <stdexcept>
+#include <utility>
+
+namespace romgrl {
+
+namespace {
+
+struct Turn {
+    double cosine, sine;
+
+    // A positive angle about y turns z towards x.
+    Vector apply(const Vector& v) const { return {cosine * v[0] + sine * v[2], v[1], cosine * v[2] - sine * v[0]}; }
+};
+
+struct Motion {
+    double angle, rate;  // of the orientation since rest
+    Turn turn;
+    Vector position, velocity;
+};
+
+// Writes a vector as seen from the heading frame, which is the world or the world turned by half a turn about z.
+float* put(float* out, const Vector& v, double heading) {
+    out[0] = static_cast<float>(heading * v[0]);
+    out[1] = static_cast<float>(heading * v[1]);
+    out[2] = static_cast<float>(v[2]);
+    return out + 3;
+}
+
+}  // namespace
+
+PlanarBodies::PlanarBodies(std::vector<Body> bodies, std::vector<double> rest)
+    : bodies_(std::move(bodies)), rest_(std::move(rest)) {
+    if (bodies_.size() != kBodies) throw std::invalid_argument("there must be 24 bodies");
+    for (int i = 0; i < kBodies; ++i) {
+        const Body& body = bodies_[i];
+        const bool ordered = i == 0 ? body.parent == -1 : body.parent >= 0 && body.parent < i;
+        if (!ordered) throw std::invalid_argument("a parent must come before its children");
+        if (body.joint < -1 || body.joint >= joints()) throw std::invalid_argument("no such joint");
+    }
+    if (joints() < 2) throw std::invalid_argument("the first body must move along x and z");
+}
+
+void PlanarBodies::observe(const double* qpos, const double* qvel, float* observation, double* position) const {
+    std::array<Motion, kBodies> motions;
+    for (int i = 0; i < kBodies; ++i) {
+        const Body& body = bodies_[i];
+        Motion& motion = motions[i];
+        if (body.parent < 0) {
+            motion = {0.0, 0.0, {1.0, 0.0}, body.offset, {qvel[kRootX], 0.0, qvel[kRootZ]}};
+            motion.position[0] += qpos[kRootX] - rest_[kRootX];
+            motion.position[2] += qpos[kRootZ] - rest_[kRootZ];
+        } else {
+            const Motion& parent = motions[body.parent];
+            const Vector arm = parent.turn.apply(body.offset);
+            motion = parent;
+            for (int k = 0; k < 3; ++k) motion.position[k] += arm[k];
+            motion.velocity[0] += parent.rate * arm[2];
+            motion.velocity[2] -= parent.rate * arm[0];
+        }
+        if (body.joint >= 0) {
+            motion.angle += qpos[body.joint] - rest_[body.joint];
+            motion.rate += qvel[body.joint];
+            motion.turn = {std::cos(motion.angle), std::sin(motion.angle)};
+        }
+        for (int k = 0; k < 3; ++k) position[3 * i + k] = motion.position[k];
+    }
+
+    const Motion& pelvis = motions[0];
+    const double heading = pelvis.turn.apply(bodies_[0].z_axis)[0] < 0.0 ? -1.0 : 1.0;
+    float* out = observation;
+    *out++ = static_cast<float>(pelvis.position[2]);
+    for (int i = 1; i < kBodies; ++i) {
+        const Vector& origin = motions[i].position;
+        out = put(out, {origin[0] - pelvis.position[0], origin[1] - pelvis.position[1], origin[2] - pelvis.position[2]},
+                  heading);
+    }
+    for (int i = 0; i < kBodies; ++i) {
+        out = put(out, motions[i].turn.apply(bodies_[i].x_axis), heading);
+        out = put(out, motions[i].turn.apply(bodies_[i].z_axis), heading);
+    }
+    for (const Motion& motion : motions) out = put(out, motion.velocity, heading);
+    for (const Motion& motion : motions) out = put(out, {0.0, motion.rate, 0.0}, heading);
+}
+
+}  // namespace romgrl

@@ -1,0 +1,59 @@
+"""Observations of planar humanoids from their joint angles, in C++."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from romgrl.humanoid import _core
+from romgrl.humanoid.model import body_ids
+from romgrl.humanoid.observation import NUM_BODIES, OBSERVATION_SIZE
+
+
+class PlanarObserver:
+    """`observe` for many states at once and in the plane, where the orientation of a body is one angle.
+
+    It equals `romgrl.humanoid.observation.observe` after a forward pass, but needs none.
+
+    Args:
+        model: planar model of `romgrl.humanoid.model.build`.
+        columns: columns of the observation to return; None: all 358.
+    """
+
+    def __init__(self, model: mujoco.MjModel, columns: NDArray[np.int64] | None = None) -> None:
+        kept = np.arange(OBSERVATION_SIZE) if columns is None else columns
+        self.columns = np.ascontiguousarray(kept, dtype=np.int32)
+        self._bodies = planar_bodies(model)
+
+    def __call__(
+        self, qpos: NDArray[np.float64], qvel: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
+        """Observations (N, columns) and origins of the 24 bodies (N, 24, 3), m, of states (N, 24) and (N, 24)."""
+        observation = np.empty((len(qpos), len(self.columns)), np.float32)
+        position = np.empty((len(qpos), NUM_BODIES, 3))
+        self._bodies.observe(qpos, qvel, self.columns, observation, position)
+        return observation, position
+
+
+def planar_bodies(model: mujoco.MjModel) -> _core.PlanarBodies:
+    """Tree, offsets and axes of the model's 24 bodies in its rest pose."""
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    ids = body_ids(model)
+    order = {int(body): index for index, body in enumerate(ids)}
+    parents = [order.get(int(model.body_parentid[body]), -1) for body in ids]
+    last_joint = [model.body_jntadr[body] + model.body_jntnum[body] - 1 for body in ids]
+    joints = [
+        int(model.jnt_qposadr[joint]) if model.body_jntnum[body] else -1
+        for body, joint in zip(ids, last_joint, strict=True)
+    ]
+    axes = data.xmat[ids].reshape(-1, 3, 3)
+    return _core.PlanarBodies(
+        parents=parents,
+        joints=joints,
+        offsets=(data.xpos[ids] - data.xpos[model.body_parentid[ids]]).tolist(),
+        x_axes=axes[:, :, 0].tolist(),
+        z_axes=axes[:, :, 2].tolist(),
+        rest=model.qpos0.tolist(),
+    )
