@@ -1,57 +1,37 @@
-"""Proximal policy optimisation (Schulman et al. 2017): generalised advantages, clipped loss, left-right mirroring."""
+"""Proximal policy optimisation (Schulman et al. 2017): clipped loss, written-out gradients, left-right mirroring."""
 
 from __future__ import annotations
 
 import json
 import math
 from collections.abc import Iterator, Sequence
+from concurrent.futures import Executor
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from romgrl.algorithms.mlp_gradients import MLPGradients, flatten
+from romgrl.algorithms.rollout import Rollout, compute_gae
 from romgrl.artifacts import load_tensors, save_tensors
+from romgrl.lanes import start
 from romgrl.networks import initialise_orthogonal, mirror, mlp
 
 LOG_TWO_PI = math.log(2.0 * math.pi)
 Mirror = tuple[NDArray[np.int64], NDArray[np.float32]]
 
 
-def gaussian_log_probability(actions: Tensor, mean: Tensor, log_std: Tensor) -> Tensor:
-    """Log density (N,) of (N, A) actions under independent Gaussians."""
-    scaled = (actions - mean) * torch.exp(-log_std)
-    return (-0.5 * (scaled.square() + LOG_TWO_PI) - log_std).sum(-1)
+def gaussian_log_probability(scaled: Tensor, log_std: Tensor) -> Tensor:
+    """Log density (N,) of actions under independent Gaussians; `scaled` is (action - mean) / std, (N, A)."""
+    return -0.5 * scaled.square().sum(-1) - (log_std + 0.5 * LOG_TWO_PI).sum()
 
 
 def gaussian_entropy(log_std: Tensor) -> Tensor:
-    """Entropy (nats) of independent Gaussians, from their (A,) log standard deviations."""
+    """Entropy (nats) of independent Gaussians, from their (A,) log standard scaleds."""
     return (log_std + 0.5 * (1.0 + LOG_TWO_PI)).sum(-1)
-
-
-def compute_gae(
-    rewards: Tensor,
-    values: Tensor,
-    next_values: Tensor,
-    terminated: Tensor,
-    truncated: Tensor,
-    gamma: float,
-    gae_lambda: float,
-) -> tuple[Tensor, Tensor]:
-    """Advantages and returns, (T, N) each, from (T, N) inputs (Schulman et al. 2016, eq. 16).
-
-    `next_values` are the values of the observations that each step led to, before any reset. A terminated step has no
-    future; a truncated one keeps its bootstrap value, and no advantage flows back across either.
-    """
-    deltas = rewards + gamma * next_values * ~terminated - values
-    decay = gamma * gae_lambda * ~(terminated | truncated)
-    advantages = torch.empty_like(deltas)
-    advantage = torch.zeros_like(deltas[0])
-    for step in reversed(range(len(deltas))):
-        advantage = deltas[step] + decay[step] * advantage
-        advantages[step] = advantage
-    return advantages, advantages + values
 
 
 def clipped_policy_loss(log_ratio: Tensor, advantages: Tensor, clip_ratio: float) -> Tensor:
@@ -61,45 +41,20 @@ def clipped_policy_loss(log_ratio: Tensor, advantages: Tensor, clip_ratio: float
     return -torch.minimum(ratio * advantages, clipped * advantages).mean()
 
 
-class Rollout:
-    """Preallocated storage of `steps` steps of `num_envs` environments; every tensor is (steps, num_envs, ...)."""
+class Minibatch(NamedTuple):
+    """Samples of a rollout, N rows each."""
 
-    def __init__(
-        self, *, steps: int, num_envs: int, observation_size: int, action_size: int, device: str = "cpu"
-    ) -> None:
-        shape = (steps, num_envs)
-        self.observations = torch.zeros((*shape, observation_size), device=device)
-        self.next_observations = torch.zeros_like(self.observations)
-        self.actions = torch.zeros((*shape, action_size), device=device)
-        self.log_probabilities = torch.zeros(shape, device=device)
-        self.rewards = torch.zeros(shape, device=device)
-        self.terminated = torch.zeros(shape, dtype=torch.bool, device=device)
-        self.truncated = torch.zeros(shape, dtype=torch.bool, device=device)
-
-    def store_action(self, step: int, observation: Tensor, action: Tensor, log_probability: Tensor) -> None:
-        """What the policy saw and did at `step`."""
-        self.observations[step] = observation
-        self.actions[step] = action
-        self.log_probabilities[step] = log_probability
-
-    def store_outcome(
-        self,
-        step: int,
-        reward: NDArray[np.floating],
-        terminated: NDArray[np.bool_],
-        truncated: NDArray[np.bool_],
-        next_observation: NDArray[np.float32],
-    ) -> None:
-        """What the environments answered; `next_observation` (N, O) is the one before any reset."""
-        self.rewards[step] = torch.from_numpy(reward)
-        self.terminated[step] = torch.from_numpy(terminated)
-        self.truncated[step] = torch.from_numpy(truncated)
-        self.next_observations[step] = torch.from_numpy(next_observation)
+    observations: Tensor
+    actions: Tensor
+    log_probabilities: Tensor
+    advantages: Tensor
+    returns: Tensor
 
 
 class PPO:
     """Gaussian policy with state-independent spread, and a separate value network.
 
+    `lane`: a second thread, in which the value network's gradient is computed; it changes no bit of the result.
     `mirror_observation`, `mirror_action`: (permutation, sign) pairs; with them half of each minibatch is mirrored.
     """
 
@@ -122,6 +77,7 @@ class PPO:
         initial_log_std: float,
         mirror_observation: Mirror | None = None,
         mirror_action: Mirror | None = None,
+        lane: Executor | None = None,
         seed: int = 0,
         device: str = "cpu",
     ) -> None:
@@ -135,8 +91,10 @@ class PPO:
         initialise_orthogonal(self.value, output_gain=1.0)
         self.log_std = nn.Parameter(torch.full((action_size,), float(initial_log_std), device=device))
         self.parameters = [*self.policy.parameters(), *self.value.parameters(), self.log_std]
-        self.learning_rate = learning_rate
-        self.optimizer = torch.optim.Adam(self.parameters, lr=learning_rate, eps=1e-5, fused=True)
+        weights, self.gradient = flatten(self.parameters)
+        self.policy_gradients, self.value_gradients = MLPGradients(self.policy), MLPGradients(self.value)
+        self.learning_rate, self.lane = learning_rate, lane
+        self.optimizer = torch.optim.Adam([weights], lr=learning_rate, eps=1e-5, fused=True)
         self.gamma, self.gae_lambda, self.clip_ratio = gamma, gae_lambda, clip_ratio
         self.epochs, self.minibatch_size = epochs, minibatch_size
         self.value_coefficient, self.entropy_coefficient = value_coefficient, entropy_coefficient
@@ -146,13 +104,12 @@ class PPO:
         if (self.mirror_observation is None) != (self.mirror_action is None):
             raise ValueError("mirror_observation and mirror_action must be given together")
 
-    @torch.no_grad()
     def act(self, observation: Tensor) -> tuple[Tensor, Tensor]:
         """Sampled actions (N, A), not clipped, and their log probabilities (N,) for (N, O) observations."""
-        mean = self.policy(observation)
+        mean = self.policy_gradients.forward(observation)
         noise = torch.randn(mean.shape, generator=self.generator, device=self.device)
-        action = mean + noise * self.log_std.exp()
-        return action, gaussian_log_probability(action, mean, self.log_std)
+        action = torch.addcmul(mean, noise, self.log_std.exp())
+        return action, gaussian_log_probability(noise, self.log_std)
 
     def update(self, rollout: Rollout, learning_rate_scale: float = 1.0) -> dict[str, float]:
         """`epochs` passes over one rollout in shuffled minibatches; means of the losses over all gradient steps."""
@@ -161,58 +118,91 @@ class PPO:
         advantages, returns = self._advantages(rollout)
         unexplained = advantages.var() / (returns.var() + 1e-8)
         advantages = (advantages - advantages.mean()) / (advantages.std() + 1e-8)
-        stored = (rollout.observations, rollout.actions, rollout.log_probabilities)
-        batch = [tensor.flatten(0, 1) for tensor in (*stored, advantages, returns)]
+        samples = self._samples(rollout, advantages, returns)
         history = [
-            self._update_minibatch(*(tensor[index] for tensor in batch))
+            (minibatch.advantages, *self._update_minibatch(minibatch))
             for _ in range(self.epochs)
-            for index in self._minibatches(len(batch[0]))
+            for minibatch in self._minibatches(samples, advantages.numel())
         ]
-        names = ("policy_loss", "value_loss", "approximate_kl", "clip_share", "gradient_norm")
-        means = torch.stack(history).mean(0).tolist()
-        return dict(zip(names, means, strict=True)) | {
-            "explained_variance": 1.0 - float(unexplained),
-            "action_std": float(self.log_std.detach().exp().mean()),
+        seen, log_ratio, value_error, gradient_norm = (torch.cat(column) for column in zip(*history, strict=True))
+        ratio = log_ratio.exp()
+        losses = {
+            "policy_loss": clipped_policy_loss(log_ratio, seen, self.clip_ratio),
+            "value_loss": 0.5 * value_error.square().mean(),
+            "approximate_kl": (ratio - 1.0 - log_ratio).mean(),
+            "clip_share": ((ratio - 1.0).abs() > self.clip_ratio).float().mean(),
+            "gradient_norm": gradient_norm.mean(),
+            "explained_variance": 1.0 - unexplained,
+            "action_std": self.log_std.exp().mean(),
         }
+        return {name: float(value) for name, value in losses.items()}
 
-    @torch.no_grad()
     def _advantages(self, rollout: Rollout) -> tuple[Tensor, Tensor]:
         """Advantages and returns, (T, N) each, of a rollout under the present value network."""
-        values = self.value(rollout.observations).squeeze(-1)
-        last_value = self.value(rollout.next_observations[-1]).squeeze(-1)
-        next_values = torch.cat([values[1:], last_value[None]])
+        values = self.value_gradients.forward(rollout.observations.flatten(0, 1)).view_as(rollout.rewards)
+        last_value = self.value_gradients.forward(rollout.next_observations[-1]).T
+        next_values = torch.cat([values[1:], last_value])
         truncated = rollout.truncated
-        next_values[truncated] = self.value(rollout.next_observations[truncated]).squeeze(-1)
+        next_values[truncated] = self.value_gradients.forward(rollout.next_observations[truncated]).squeeze(-1)
         return compute_gae(
             rollout.rewards, values, next_values, rollout.terminated, truncated, self.gamma, self.gae_lambda
         )
 
-    def _minibatches(self, size: int) -> Iterator[Tensor]:
-        """Shuffled indices of 0 .. size - 1 in equal parts of about `minibatch_size`."""
-        order = torch.randperm(size, generator=self.generator, device=self.device)
-        yield from order.chunk(max(1, round(size / self.minibatch_size)))
+    def _samples(self, rollout: Rollout, advantages: Tensor, returns: Tensor) -> Minibatch:
+        """All samples of a rollout and, after them, their mirror images if there is a mirror."""
+        stored = (rollout.observations, rollout.actions, rollout.log_probabilities, advantages, returns)
+        samples = Minibatch(*(tensor.flatten(0, 1) for tensor in stored))
+        if self.mirror_observation is None or self.mirror_action is None:
+            return samples
+        images = samples._replace(
+            observations=mirror(samples.observations, *self.mirror_observation),
+            actions=mirror(samples.actions, *self.mirror_action),
+        )
+        return Minibatch(*(torch.cat(pair) for pair in zip(samples, images, strict=True)))
 
-    def _update_minibatch(
-        self, observations: Tensor, actions: Tensor, log_probabilities: Tensor, advantages: Tensor, returns: Tensor
-    ) -> Tensor:
-        """One gradient step; detached (policy loss, value loss, KL, clip share, gradient norm)."""
-        if self.mirror_observation is not None and self.mirror_action is not None:
-            half = len(observations) // 2
-            observations[:half] = mirror(observations[:half], *self.mirror_observation)
-            actions[:half] = mirror(actions[:half], *self.mirror_action)
-        log_ratio = gaussian_log_probability(actions, self.policy(observations), self.log_std) - log_probabilities
-        policy_loss = clipped_policy_loss(log_ratio, advantages, self.clip_ratio)
-        value_loss = 0.5 * (self.value(observations).squeeze(-1) - returns).square().mean()
-        entropy = gaussian_entropy(self.log_std)
-        loss = policy_loss + self.value_coefficient * value_loss - self.entropy_coefficient * entropy
-        self.optimizer.zero_grad()
-        loss.backward()
-        gradient_norm = nn.utils.clip_grad_norm_(self.parameters, self.max_gradient_norm)
+    def _minibatches(self, samples: Minibatch, size: int) -> Iterator[Minibatch]:
+        """The `size` samples shuffled, in equal parts of about `minibatch_size`; images in the first half of each."""
+        order = torch.randperm(size, generator=self.generator, device=self.device)
+        parts = max(1, round(size / self.minibatch_size))
+        if self.mirror_observation is not None:
+            for part in order.chunk(parts):
+                part[: len(part) // 2] += size
+        shuffled = [tensor.index_select(0, order).chunk(parts) for tensor in samples]
+        yield from (Minibatch(*tensors) for tensors in zip(*shuffled, strict=True))
+
+    def _update_minibatch(self, minibatch: Minibatch) -> tuple[Tensor, Tensor, Tensor]:
+        """One gradient step; log ratios (N,), errors of the values (N,) and norm of the gradient (1,) before it."""
+        value_error = start(self.lane, self.value_gradient, minibatch)
+        log_ratio = self.policy_gradient(minibatch)
+        error = value_error()
+        norm = torch.linalg.vector_norm(self.gradient)
+        self.gradient.mul_((self.max_gradient_norm / (norm + 1e-6)).clamp_(max=1.0))
         self.optimizer.step()
-        log_ratio = log_ratio.detach()
-        kl = (log_ratio.exp() - 1.0 - log_ratio).mean()
-        clip_share = ((log_ratio.exp() - 1.0).abs() > self.clip_ratio).float().mean()
-        return torch.stack([policy_loss.detach(), value_loss.detach(), kl, clip_share, gradient_norm])
+        return log_ratio, error, norm[None]
+
+    def policy_gradient(self, minibatch: Minibatch) -> Tensor:
+        """Gradient of clipped policy loss - entropy_coefficient * entropy by policy and log_std; log ratios (N,).
+
+        d min(r A, clip(r) A) / d log r = r A where that is the smaller one, 0 elsewhere; with e = (a - mean) / std,
+        d log r / d mean = e / std,  d log r / d log_std = e^2 - 1,  d entropy / d log_std = 1.
+        """
+        mean = self.policy_gradients.forward(minibatch.observations)
+        inverse_std = torch.exp(-self.log_std)
+        scaled = (minibatch.actions - mean) * inverse_std
+        log_ratio = gaussian_log_probability(scaled, self.log_std) - minibatch.log_probabilities
+        ratio = log_ratio.exp()
+        gain = ratio * minibatch.advantages
+        clipped = ratio.clamp(1.0 - self.clip_ratio, 1.0 + self.clip_ratio) * minibatch.advantages
+        by_log_ratio = torch.where(gain <= clipped, gain, 0.0) / -len(gain)
+        self.policy_gradients.backward(by_log_ratio[:, None] * scaled * inverse_std)
+        torch.mv((scaled.square() - 1.0).T, by_log_ratio, out=self.log_std.grad).sub_(self.entropy_coefficient)
+        return log_ratio
+
+    def value_gradient(self, minibatch: Minibatch) -> Tensor:
+        """Gradient of value_coefficient * mean of (V - return)^2 / 2 by the value network; errors V - return (N,)."""
+        error = self.value_gradients.forward(minibatch.observations).squeeze(-1) - minibatch.returns
+        self.value_gradients.backward(error[:, None] * (self.value_coefficient / len(error)))
+        return error
 
 
 def _mirror_tensors(pair: Mirror | None, device: str) -> tuple[Tensor, Tensor] | None:

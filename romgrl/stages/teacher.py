@@ -6,6 +6,7 @@ import csv
 import math
 import time
 from collections.abc import Callable, Mapping
+from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +15,13 @@ import torch
 from gymnasium.spaces import flatdim
 from numpy.typing import NDArray
 
-from romgrl.algorithms.ppo import PPO, DeterministicPolicy, Rollout, load_policy, save_policy
+from romgrl.algorithms.ppo import PPO, DeterministicPolicy, load_policy, save_policy
+from romgrl.algorithms.rollout import Rollout
 from romgrl.config import Config
 from romgrl.errors import DivergenceError
 from romgrl.gait.features import LEFT_X, RIGHT_X, Gait, until_first_fall
 from romgrl.gait.metrics import describe
+from romgrl.lanes import second_lane
 from romgrl.networks import all_finite
 from romgrl.progress import StageLog
 from romgrl.rom.vector_env import SpringLegVectorEnv
@@ -29,10 +32,35 @@ CHECKPOINT_SECONDS = 30.0
 
 
 def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog) -> None:
-    """Train the teacher; write policy.safetensors, curve.csv (through `log`) and gait.csv of the finished policy."""
+    """Train the teacher; write policy.safetensors, curve.csv (through `log`) and gait.csv of the finished policy.
+
+    All threads step the physics; in the updates, one half of them has the policy and the other half the values.
+    """
+    torch.set_num_threads(max(1, config.threads // 2))
+    path = output / "policy.safetensors"
+    env = rom_env(config, num_envs=config.teacher.num_envs, episode_steps=config.teacher.episode_steps)
+    with second_lane(config.threads > 1) as lane:
+        ppo = build_learner(config, env, lane)
+        try:
+            train(config, env, ppo, log, save=lambda: save_policy(path, ppo))
+        except KeyboardInterrupt:
+            save_policy(path, ppo)
+            raise
+        finally:
+            env.close()
+    save_policy(path, ppo)
+    row = describe(check_gait(config, load_policy(path)), target_speed=config.teacher.speed)
+    write_row(output / "gait.csv", {"walker": "teacher", **row})
+    log.message(
+        f"{row['falls']:.0f} falls in {CHECK_EPISODES} episodes, {row['mean_speed_m_per_s']:.2f} m/s, "
+        f"left-right correlation {row['left_right_correlation']:.2f}, {row['stride_frequency_hz']:.2f} strides/s"
+    )
+
+
+def build_learner(config: Config, env: SpringLegVectorEnv, lane: Executor | None = None) -> PPO:
+    """PPO of the configuration for the environment; `lane` is a second thread for its updates."""
     teacher = config.teacher
-    env = rom_env(config, num_envs=teacher.num_envs, episode_steps=teacher.episode_steps)
-    ppo = PPO(
+    return PPO(
         observation_size=flatdim(env.single_observation_space),
         action_size=flatdim(env.single_action_space),
         hidden_sizes=teacher.hidden_sizes,
@@ -49,23 +77,9 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
         initial_log_std=teacher.initial_log_std,
         mirror_observation=env.mirror_observation if teacher.mirror else None,
         mirror_action=env.mirror_action if teacher.mirror else None,
+        lane=lane,
         seed=config.seed,
         device=config.device,
-    )
-    path = output / "policy.safetensors"
-    try:
-        train(config, env, ppo, log, save=lambda: save_policy(path, ppo))
-    except KeyboardInterrupt:
-        save_policy(path, ppo)
-        raise
-    finally:
-        env.close()
-    save_policy(path, ppo)
-    row = describe(check_gait(config, load_policy(path)), target_speed=teacher.speed)
-    write_row(output / "gait.csv", {"walker": "teacher", **row})
-    log.message(
-        f"{row['falls']:.0f} falls in {CHECK_EPISODES} episodes, {row['mean_speed_m_per_s']:.2f} m/s, "
-        f"left-right correlation {row['left_right_correlation']:.2f}, {row['stride_frequency_hz']:.2f} strides/s"
     )
 
 

@@ -10,14 +10,15 @@ import torch
 
 from romgrl.algorithms.ppo import (
     PPO,
-    Rollout,
+    Minibatch,
     clipped_policy_loss,
-    compute_gae,
     gaussian_entropy,
     gaussian_log_probability,
     load_policy,
     save_policy,
 )
+from romgrl.algorithms.rollout import Rollout, compute_gae
+from romgrl.lanes import second_lane
 from romgrl.networks import initialise_orthogonal, mirror, mlp
 
 NEVER = torch.zeros(3, 1, dtype=torch.bool)
@@ -59,6 +60,11 @@ def filled_rollout(seed: int = 0) -> Rollout:
     for tensor in (rollout.observations, rollout.next_observations, rollout.actions, rollout.rewards):
         tensor.normal_(generator=generator)
     return rollout
+
+
+def log_density(ppo: PPO, observations: torch.Tensor, actions: torch.Tensor) -> torch.Tensor:
+    normal = torch.distributions.Normal(ppo.policy(observations), ppo.log_std.exp())
+    return normal.log_prob(actions).sum(-1)
 
 
 # Rewards 1, 2, 3; values 0.5, 1, 1.5; gamma 0.5, lambda 0.5.
@@ -135,7 +141,8 @@ def test_clipped_loss_stops_the_gradient_beyond_the_clip() -> None:
 def test_gaussian_density_and_entropy() -> None:
     # N(0.5; 0, 2) x N(-1; 1, 0.5): exponents -0.03125 and -8, sum of log std 0, log(2 pi) once for two halves.
     log_std = torch.tensor([math.log(2.0), math.log(0.5)])
-    density = gaussian_log_probability(torch.tensor([[0.5, -1.0]]), torch.tensor([[0.0, 1.0]]), log_std)
+    scaled = (torch.tensor([[0.5, -1.0]]) - torch.tensor([[0.0, 1.0]])) / log_std.exp()
+    density = gaussian_log_probability(scaled, log_std)
     assert density.item() == pytest.approx(-8.03125 - math.log(2 * math.pi), abs=1e-6)
     assert gaussian_entropy(log_std).item() == pytest.approx(1.0 + math.log(2 * math.pi), abs=1e-6)
 
@@ -144,8 +151,7 @@ def test_act_returns_the_density_of_its_own_action() -> None:
     ppo = make_ppo()
     observation = torch.randn(5, 3, generator=torch.Generator().manual_seed(1))
     action, log_probability = ppo.act(observation)
-    normal = torch.distributions.Normal(ppo.policy(observation), ppo.log_std.exp())
-    torch.testing.assert_close(log_probability, normal.log_prob(action).sum(-1))
+    torch.testing.assert_close(log_probability, log_density(ppo, observation, action))
 
 
 def test_mirror_swaps_and_negates() -> None:
@@ -159,10 +165,15 @@ def test_half_of_each_minibatch_is_mirrored(monkeypatch: pytest.MonkeyPatch) -> 
     ppo = make_ppo(epochs=1, minibatch_size=32, mirror_observation=pair, mirror_action=(pair[0][:2], pair[1][:2]))
     rollout = filled_rollout()
     seen: list[torch.Tensor] = []
-    value = ppo.value.forward
-    monkeypatch.setattr(ppo.value, "forward", lambda x: (seen.append(x.detach().clone()), value(x))[1])
+    value_gradient = ppo.value_gradient
+
+    def spy(minibatch: Minibatch) -> torch.Tensor:
+        seen.append(minibatch.observations.clone())
+        return value_gradient(minibatch)
+
+    monkeypatch.setattr(ppo, "value_gradient", spy)
     ppo.update(rollout)
-    trained = seen[-1]
+    (trained,) = seen
     originals = rollout.observations.flatten(0, 1)
     images = originals[:, [1, 0, 2]] * torch.tensor([1.0, 1.0, -1.0])
     assert [int((row == images).all(1).sum()) for row in trained[:16]] == [1] * 16
@@ -184,6 +195,90 @@ def test_update_leaves_the_rollout_alone_and_is_finite() -> None:
     assert torch.equal(rollout.actions, before[1])
     assert all(math.isfinite(value) for value in losses.values())
     assert losses["action_std"] == pytest.approx(math.exp(-0.5), abs=0.02)
+
+
+def test_mirrored_samples_keep_the_rest_of_their_row() -> None:
+    pair = np.array([1, 0, 2]), np.array([1.0, 1.0, -1.0], np.float32)
+    ppo = make_ppo(minibatch_size=8, mirror_observation=pair, mirror_action=(pair[0][:2], pair[1][:2]))
+    rollout = filled_rollout()
+    sign = torch.tensor([1.0, 1.0, -1.0])
+    samples = ppo._samples(rollout, rollout.rewards, rollout.log_probabilities)
+    minibatches = list(ppo._minibatches(samples, 32))
+    assert [len(minibatch.returns) for minibatch in minibatches] == [8] * 4
+    drawn = torch.cat([minibatch.advantages for minibatch in minibatches])
+    torch.testing.assert_close(drawn.sort()[0], rollout.rewards.flatten().sort()[0], rtol=0, atol=0)
+    for minibatch in minibatches:
+        rows = [int((rollout.rewards.flatten() == advantage).nonzero()) for advantage in minibatch.advantages]
+        observations, actions = rollout.observations.flatten(0, 1)[rows], rollout.actions.flatten(0, 1)[rows]
+        assert torch.equal(minibatch.observations[:4], observations[:4, [1, 0, 2]] * sign)
+        assert torch.equal(minibatch.observations[4:], observations[4:])
+        assert torch.equal(minibatch.actions, torch.cat((actions[:4, [1, 0]], actions[4:])))
+
+
+@pytest.mark.parametrize("activation", ["tanh", "relu", "elu", "leaky_relu"])
+@pytest.mark.parametrize("hidden_sizes", [[16, 12, 8], []])
+def test_gradients_are_those_of_automatic_differentiation(activation: str, hidden_sizes: list[int]) -> None:
+    """In float64, with ratios on both sides of the clip, an entropy bonus, and half of the minibatch mirrored."""
+    pair = np.array([1, 0, 2]), np.array([1.0, 1.0, -1.0], np.float32)
+    mirrors = {"mirror_observation": pair, "mirror_action": (pair[0][:2], pair[1][:2])}
+    settings: dict[str, Any] = {"activation": activation, "hidden_sizes": hidden_sizes, "entropy_coefficient": 0.03}
+    torch.set_default_dtype(torch.float64)
+    try:
+        ppo = make_ppo(**settings, **mirrors)
+    finally:
+        torch.set_default_dtype(torch.float32)
+    generator = torch.Generator().manual_seed(1)
+    for parameter in ppo.parameters:
+        parameter.add_(torch.randn(parameter.shape, generator=generator, dtype=torch.float64), alpha=0.3)
+    rollout = filled_rollout()
+    for name, tensor in vars(rollout).items():
+        setattr(rollout, name, tensor.double() if tensor.is_floating_point() else tensor)
+    rollout.log_probabilities = log_density(ppo, rollout.observations, rollout.actions)
+    rollout.log_probabilities += 0.5 * torch.randn(8, 4, generator=generator, dtype=torch.float64)
+    samples = ppo._samples(rollout, rollout.rewards, rollout.rewards.exp())
+    minibatch = next(ppo._minibatches(samples, 32))
+
+    log_ratio = ppo.policy_gradient(minibatch)
+    ppo.value_gradient(minibatch)
+    written_out = ppo.gradient.clone()
+
+    for parameter in ppo.parameters:
+        parameter.requires_grad_(True)
+    by_autograd = log_density(ppo, minibatch.observations, minibatch.actions) - minibatch.log_probabilities
+    values = ppo.value(minibatch.observations).squeeze(-1)
+    loss = clipped_policy_loss(by_autograd, minibatch.advantages, ppo.clip_ratio)
+    loss = loss + ppo.value_coefficient * 0.5 * (values - minibatch.returns).square().mean()
+    loss = loss - 0.03 * gaussian_entropy(ppo.log_std)
+    expected = torch.autograd.grad(loss, ppo.parameters)
+
+    torch.testing.assert_close(log_ratio, by_autograd, rtol=0, atol=1e-12)
+    clipped = (log_ratio.exp() - 1.0).abs() > ppo.clip_ratio
+    assert 0.2 < clipped.double().mean() < 0.9
+    torch.testing.assert_close(written_out, torch.cat([x.flatten() for x in expected]), rtol=1e-9, atol=1e-12)
+
+
+def test_gradient_is_clipped_over_both_networks() -> None:
+    """The norm that is reported is the one before clipping; what is left has the length of the limit."""
+    ppo = make_ppo(max_gradient_norm=0.01)
+    rollout = filled_rollout()
+    minibatch = next(ppo._minibatches(ppo._samples(rollout, rollout.rewards, rollout.rewards), 32))
+    ppo.policy_gradient(minibatch)
+    ppo.value_gradient(minibatch)
+    norm = ppo.gradient.norm()
+    _, _, reported = ppo._update_minibatch(minibatch)
+    assert norm > 0.1
+    assert reported.item() == pytest.approx(norm.item(), rel=1e-6)
+    assert ppo.gradient.norm().item() == pytest.approx(0.01, rel=1e-4)
+
+
+def test_second_lane_changes_no_bit() -> None:
+    def trained(wanted: bool) -> torch.Tensor:
+        with second_lane(wanted) as lane:
+            ppo = make_ppo(seed=3, lane=lane)
+            losses = [ppo.update(filled_rollout(seed)) for seed in range(3)]
+        return torch.cat([torch.nn.utils.parameters_to_vector(ppo.parameters), torch.tensor([*losses[-1].values()])])
+
+    assert torch.equal(trained(False), trained(True))
 
 
 def test_same_seed_same_weights() -> None:
