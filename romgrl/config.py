@@ -150,7 +150,7 @@ class Student:
     temperature_learning_rate: float = key("Adam learning rate of the temperature", above=0)
     initial_temperature: float = key("first weight of the entropy", above=0)
     target_entropy_scale: float = key("target entropy = - this x number of actions", above=0)
-    learning_rate_decay: bool = key("true: the agent's learning rates fall linearly to zero over the second half")
+    learning_rate_decay: bool = key("true: all learning rates fall linearly to zero over the second half")
     gamma: float = key("discount factor", above=0, high=1)
     tau: float = key("share of the critics copied into their targets at each update", above=0, high=1)
     policy_delay: int = key("critic updates per policy update", low=1)

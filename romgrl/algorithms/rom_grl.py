@@ -50,8 +50,15 @@ class RomGrl:
         return start(self.sac.lane, lambda: [judge.update(stream) for stream in streams][-1])
 
     def scale_learning_rates(self, scale: float) -> None:
-        """Set the agent's learning rates to their configured values times `scale`; the discriminator keeps its own."""
-        for optimizer in (self.sac.policy_optimizer, self.sac.critic_optimizer):
+        """Set all learning rates to their configured values times `scale`.
+
+        The discriminator's as well: with a fast judge and an agent that hardly learns, a speed of 4.0 m/s fell to 2.9
+        over the last tenth of a training.
+        """
+        optimizers = [self.sac.policy_optimizer, self.sac.critic_optimizer]
+        if self.discriminator is not None:
+            optimizers.append(self.discriminator.optimizer)
+        for optimizer in optimizers:
             for group in optimizer.param_groups:
                 group["lr"] = scale * group.setdefault("initial_lr", group["lr"])
 

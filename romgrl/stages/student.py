@@ -47,10 +47,9 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
     beside = config.threads > 1
     each = config.threads // 2 if beside and config.student.simultaneous else config.threads
     torch.set_num_threads(each)
-    env = humanoid_env(replace(config, threads=each), num_envs=config.student.num_envs)
-    columns = torch.from_numpy(
-        env.compact_columns if config.student.compact_observation else np.arange(OBSERVATION_SIZE)
-    )
+    compact = config.student.compact_observation
+    env = humanoid_env(replace(config, threads=each), num_envs=config.student.num_envs, compact=compact)
+    columns = torch.from_numpy(env.compact_columns if compact else np.arange(OBSERVATION_SIZE))
     windows = FrameWindows(
         num_envs=env.num_envs,
         columns=6 if config.discriminator.features == "trunk" else 5,
@@ -63,7 +62,7 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
             save_policy(output / "policy.safetensors", learner.sac, columns, *learner.normalizer.mean_and_scale())
 
         try:
-            train(config, env, columns, windows, learner, log, save)
+            train(config, env, windows, learner, log, save)
         finally:
             save()
 
@@ -162,7 +161,6 @@ def build_discriminator(config: Config, window: int, reference: Path | None) -> 
 def train(
     config: Config,
     env: PlanarHumanoidVectorEnv,
-    columns: Tensor,
     windows: FrameWindows,
     learner: RomGrl,
     log: StageLog,
@@ -174,7 +172,7 @@ def train(
     trunk = windows.frames.shape[2] == 6
     tally = EpisodeTally(env.num_envs, config.humanoid.control_frequency)
     observation, info = env.reset(seed=config.seed)
-    current = torch.from_numpy(observation).to(device)[:, columns]
+    current = torch.from_numpy(observation).to(device)
     windows.restart(frame(info, trunk, ""))
     due, saved = 0.0, time.monotonic()
     metrics: dict[str, Tensor] = {}
@@ -189,7 +187,7 @@ def train(
             due -= int(due)
         judged = learner.start_discriminator()
         observation, reward, terminated, truncated, info = stepped()
-        following = torch.from_numpy(observation).to(device)[:, columns]
+        following = torch.from_numpy(observation).to(device)
         learner.buffer.add(
             current,
             action,

@@ -47,12 +47,18 @@ def humanoid_model(config: Config) -> Any:
     )
 
 
-def humanoid_env(config: Config, *, num_envs: int, episode_steps: int | None = None) -> PlanarHumanoidVectorEnv:
-    """The humanoid of the configuration, `num_envs` times; episode_steps: None for the configuration's."""
+def humanoid_env(
+    config: Config, *, num_envs: int, episode_steps: int | None = None, compact: bool = False
+) -> PlanarHumanoidVectorEnv:
+    """The humanoid of the configuration, `num_envs` times; episode_steps: None for the configuration's.
+
+    `compact`: observations without the columns that are constant in the plane.
+    """
     humanoid = config.humanoid
     return PlanarHumanoidVectorEnv(
         model=humanoid_model(config),
         num_envs=num_envs,
+        compact=compact,
         speed=config.speed,
         alpha=config.student.alpha,
         episode_steps=episode_steps or humanoid.episode_steps,
