@@ -1,6 +1,8 @@
 // Python module romgrl.rom._core: checks arrays, releases the GIL once per call, computes on raw pointers.
 #include <cmath>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
@@ -10,7 +12,6 @@
 
 namespace py = pybind11;
 using romgrl::Batch;
-using romgrl::Environment;
 using romgrl::Parameters;
 using romgrl::Pose;
 
@@ -37,28 +38,59 @@ void require_finite(const T* values, py::ssize_t count, const char* name) {
     }
 }
 
-void step(Batch& batch, py::array actions, py::array observation, py::array reward, py::array terminated,
-          py::array truncated, py::array final_observation, py::array features, py::array reset_features,
-          py::array contact, py::array forward_velocity, py::array ground_force, py::array hip_torque,
-          py::array diverged) {
-    const py::ssize_t n = batch.worlds(), size = batch.observation_size();
+// The arrays that a step writes to, checked once.
+class Buffers {
+  public:
+    Buffers(const Batch& batch, const py::dict& arrays) : worlds_(batch.worlds()), size_(batch.observation_size()) {
+        bind(arrays, arrays_.observation, "observation", size_);
+        bind(arrays, arrays_.reward, "reward", 0);
+        bind(arrays, arrays_.terminated, "terminated", 0);
+        bind(arrays, arrays_.truncated, "truncated", 0);
+        bind(arrays, arrays_.final_observation, "final_observation", size_);
+        bind(arrays, arrays_.features, "features", romgrl::kFeatures);
+        bind(arrays, arrays_.reset_features, "reset_features", romgrl::kFeatures);
+        bind(arrays, arrays_.contact, "contact", romgrl::kLegs);
+        bind(arrays, arrays_.forward_velocity, "forward_velocity", 0);
+        bind(arrays, arrays_.ground_force, "ground_force", romgrl::kLegs);
+        bind(arrays, arrays_.hip_torque, "hip_torque", romgrl::kLegs);
+        bind(arrays, arrays_.diverged, "diverged", 0);
+    }
+
+    const romgrl::StepArrays& of(const Batch& batch) const {
+        if (batch.worlds() == worlds_ && batch.observation_size() == size_) return arrays_;
+        throw py::value_error("the buffers were made for another batch");
+    }
+
+  private:
+    template <typename T>
+    void bind(const py::dict& arrays, T*& pointer, const char* name, py::ssize_t columns) {
+        py::array array = arrays[name];
+        pointer = data<T>(array, name, worlds_, columns, true);
+        kept_.push_back(std::move(array));
+    }
+
+    py::ssize_t worlds_, size_;
+    std::vector<py::array> kept_;  // keeps the memory alive
+    romgrl::StepArrays arrays_{};
+};
+
+void step(Batch& batch, py::array actions, const Buffers& buffers) {
+    const py::ssize_t n = batch.worlds();
     const float* action = data<float>(actions, "actions", n, romgrl::kActions, false);
     require_finite(action, n * romgrl::kActions, "actions");
-    romgrl::StepArrays arrays{};
-    arrays.observation = data<float>(observation, "observation", n, size, true);
-    arrays.reward = data<float>(reward, "reward", n, 0, true);
-    arrays.terminated = data<bool>(terminated, "terminated", n, 0, true);
-    arrays.truncated = data<bool>(truncated, "truncated", n, 0, true);
-    arrays.final_observation = data<float>(final_observation, "final_observation", n, size, true);
-    arrays.features = data<float>(features, "features", n, romgrl::kFeatures, true);
-    arrays.reset_features = data<float>(reset_features, "reset_features", n, romgrl::kFeatures, true);
-    arrays.contact = data<bool>(contact, "contact", n, romgrl::kLegs, true);
-    arrays.forward_velocity = data<float>(forward_velocity, "forward_velocity", n, 0, true);
-    arrays.ground_force = data<float>(ground_force, "ground_force", n, romgrl::kLegs, true);
-    arrays.hip_torque = data<float>(hip_torque, "hip_torque", n, romgrl::kLegs, true);
-    arrays.diverged = data<bool>(diverged, "diverged", n, 0, true);
+    const romgrl::StepArrays& arrays = buffers.of(batch);
     py::gil_scoped_release release;
     batch.step(action, arrays);
+}
+
+// The loop of steps without Python, as a yardstick.
+void repeat(Batch& batch, py::array actions, const Buffers& buffers, int steps) {
+    const py::ssize_t n = batch.worlds();
+    const float* action = data<float>(actions, "actions", n, romgrl::kActions, false);
+    require_finite(action, n * romgrl::kActions, "actions");
+    const romgrl::StepArrays& arrays = buffers.of(batch);
+    py::gil_scoped_release release;
+    for (int i = 0; i < steps; ++i) batch.step(action, arrays);
 }
 
 void observe(const Batch& batch, py::array observation, py::array features, py::array contact) {
@@ -71,13 +103,13 @@ void observe(const Batch& batch, py::array observation, py::array features, py::
 }
 
 py::array_t<double> save(const Batch& batch) {
-    py::array_t<double> states({static_cast<py::ssize_t>(batch.worlds()), py::ssize_t{Environment::kStateSize}});
+    py::array_t<double> states({static_cast<py::ssize_t>(batch.worlds()), py::ssize_t{romgrl::kState}});
     batch.save(states.mutable_data());
     return states;
 }
 
 void restore(Batch& batch, py::array states) {
-    const double* values = data<double>(states, "states", batch.worlds(), Environment::kStateSize, false);
+    const double* values = data<double>(states, "states", batch.worlds(), romgrl::kState, false);
     batch.restore(values);
 }
 
@@ -120,6 +152,7 @@ void bind_parameters(py::module_& module) {
     ROMGRL_FIELD(alpha);
     ROMGRL_FIELD(reward_is_velocity);
     ROMGRL_FIELD(observation_is_paper);
+    ROMGRL_FIELD(engine_is_native);
 #undef ROMGRL_FIELD
 }
 
@@ -141,10 +174,12 @@ void bind_pose(py::module_& module) {
 }  // namespace
 
 PYBIND11_MODULE(_core, module) {
-    module.doc() = "Spring-leg worlds in Box2D, stepped in batches.";
+    module.doc() = "Spring-leg worlds, stepped in batches.";
     bind_parameters(module);
     bind_pose(module);
-    module.attr("STATE_SIZE") = py::int_(Environment::kStateSize);
+    module.attr("STATE_SIZE") = py::int_(romgrl::kState);
+    py::class_<Buffers>(module, "Buffers")
+        .def(py::init<const Batch&, const py::dict&>(), py::arg("batch"), py::arg("arrays"));
     py::class_<Batch>(module, "Batch")
         .def(py::init<const Parameters&, int, int>(), py::arg("parameters"), py::arg("num_worlds"),
              py::arg("num_threads"))
@@ -152,10 +187,8 @@ PYBIND11_MODULE(_core, module) {
         .def_property_readonly("observation_size", &Batch::observation_size)
         .def("seed", &Batch::seed, py::arg("seed"))
         .def("reset", &Batch::reset)
-        .def("step", &step, py::arg("actions"), py::arg("observation"), py::arg("reward"), py::arg("terminated"),
-             py::arg("truncated"), py::arg("final_observation"), py::arg("features"), py::arg("reset_features"),
-             py::arg("contact"), py::arg("forward_velocity"), py::arg("ground_force"), py::arg("hip_torque"),
-             py::arg("diverged"))
+        .def("step", &step, py::arg("actions"), py::arg("buffers"))
+        .def("repeat", &repeat, py::arg("actions"), py::arg("buffers"), py::arg("steps"))
         .def("observe", &observe, py::arg("observation"), py::arg("features"), py::arg("contact"))
         .def("place", &Batch::place, py::arg("world"), py::arg("pose"))
         .def("save", &save)

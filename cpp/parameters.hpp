@@ -42,9 +42,17 @@ struct Parameters {
     double alpha = 1.0;
     bool reward_is_velocity = false;
     bool observation_is_paper = false;
+    bool engine_is_native = false;
 
     double substep_time() const { return 1.0 / (control_frequency * substeps); }
 };
+
+// Numbers that the engines share.
+constexpr double kShift = 4.0;  // m; the origin follows the trunk in such steps. A power of two: moving rounds nothing
+constexpr double kLargestPosition = 1e3;  // m, rad; a state beyond these has diverged
+constexpr double kLargestVelocity = 200.0;  // m/s, rad/s
+constexpr double kShortestLever = 0.05;  // share of leg_length; keeps torque / length finite
+constexpr double kHipStopFrequency = 0.3;  // rad per substep
 
 // Throws std::invalid_argument naming the first parameter that is not finite, out of range, or unstable to integrate.
 void validate(const Parameters& parameters);

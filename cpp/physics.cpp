@@ -6,13 +6,8 @@
 namespace romgrl {
 namespace {
 
-// m. The bodies stay near Box2D's origin, where float32 is fine; moving them by a power of two rounds nothing.
-constexpr double kShift = 4.0;
-constexpr float kGroundHalfLength = 128.0F;
-constexpr double kLargestPosition = 1e3;  // m, rad; a state beyond these has diverged
-constexpr double kLargestVelocity = 200.0;  // m/s, rad/s
+constexpr float kGroundHalfLength = 128.0F;  // m; the bodies stay near Box2D's origin, where float32 is fine
 constexpr double kLargestForce = 1e12;
-constexpr double kShortestLever = 0.05;  // share of leg_length; keeps torque / length finite
 
 void add_ground(b2World& world, double friction) {
     b2BodyDef definition;
@@ -111,11 +106,6 @@ double Walker::axial_force(int side, const LegView& view) const {
     return parameters_.stiffness * (rest_length(side) - view.length) - damping * view.rate;
 }
 
-void Walker::set_last_touchdown(int side, double at_x) {
-    last_touchdown_side_ = side;
-    last_touchdown_x_ = at_x;
-}
-
 // True at a touchdown: the first load after leaving the ground.
 bool Walker::update_touchdown(int side, const LegView& view, bool is_loaded) {
     Motion& motion = motion_[side];
@@ -145,7 +135,7 @@ double Walker::stop_torque(const LegView& view) const {
     const double excess = std::fabs(angle) - parameters_.hip_angle_limit;
     if (excess <= 0.0) return 0.0;
     const double side = angle > 0.0 ? 1.0 : -1.0;
-    const double frequency = 0.3 / dt_;
+    const double frequency = kHipStopFrequency / dt_;
     const double rate = side * (view.angle_rate + pitch_rate());
     const double acceleration = frequency * frequency * excess + 2.0 * frequency * rate;
     return -side * parameters_.foot_mass * view.length * view.length * std::max(acceleration, 0.0);
@@ -165,7 +155,10 @@ bool Walker::substep(const std::array<double, kLegs>& command) {
         motion_[i].torque += lag_gain_ * (command[i] - motion_[i].torque);
     }
     if (touchdown == 3) touchdown = view[0].angle > view[1].angle ? 1 : 2;  // both at once: the one in front
-    if (touchdown != 0) set_last_touchdown(touchdown == 1 ? 1 : -1, x());
+    if (touchdown != 0) {
+        last_touchdown_side_ = touchdown == 1 ? 1 : -1;
+        last_touchdown_x_ = x();
+    }
     const double net = motion_[0].torque + motion_[1].torque;
     const double limit = parameters_.trunk_moment_limit;
     const double excess = net - std::clamp(net, -limit, limit);

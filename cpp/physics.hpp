@@ -10,17 +10,9 @@
 
 #include <box2d/box2d.h>
 
-#include "parameters.hpp"
+#include "state.hpp"
 
 namespace romgrl {
-
-constexpr int kLegs = 2;
-
-// Where to put a world: SI units, the order of the legs is left, right.
-struct Pose {
-    double x = 0.0, y = 1.0, vx = 0.0, vy = 0.0, pitch = 0.0, pitch_rate = 0.0;
-    std::array<double, kLegs> hip_angle{}, hip_rate{}, leg_length{}, leg_rate{};
-};
 
 struct LegView {
     double length, rate;  // m, m/s
@@ -32,11 +24,8 @@ struct LegView {
 
 class Walker {
   public:
-    static constexpr int kStateSize = 30;
-
     explicit Walker(const Parameters& parameters);
 
-    void place(const Pose& pose);
     // One control step with hip torque commands in N m. False: the state left the numbers that Box2D can take.
     bool step(const std::array<double, kLegs>& command);
 
@@ -54,12 +43,10 @@ class Walker {
     const std::array<double, kLegs>& hip_torque() const { return hip_torque_; }  // of the last substep, N m
     double last_touchdown_x() const { return last_touchdown_x_; }
     int last_touchdown_side() const { return last_touchdown_side_; }  // 1 left, -1 right, 0 none
-    void set_last_touchdown(int side, double at_x);  // side as above
 
     void save(double* state) const;
-    // Throws std::invalid_argument if the numbers are no state.
-    void restore(const double* state);
-    void assign(const double* state);  // the same without a check, for numbers from save()
+    void restore(const double* state);  // numbers of which is_walker_state() holds
+    void place(const double* state);  // the same, and no step has been taken
 
   private:
     struct Motion {

@@ -1,9 +1,21 @@
 #include "pool.hpp"
 
 #include <algorithm>
+#include <chrono>
 #include <system_error>
 
 namespace romgrl {
+namespace {
+
+constexpr std::chrono::microseconds kPatience(20);
+
+template <typename Condition>
+void spin(const Condition& condition) {
+    const auto end = std::chrono::steady_clock::now() + kPatience;
+    while (!condition() && std::chrono::steady_clock::now() < end) std::this_thread::yield();
+}
+
+}  // namespace
 
 Pool::Pool(int threads) {
     try {
@@ -44,6 +56,7 @@ void Pool::run(int total, const Work& work) {
     }
     start_.notify_all();
     take(work, total, chunk);
+    spin([this] { return busy_ == 0; });
     std::unique_lock<std::mutex> lock(mutex_);
     work_ = nullptr;  // a thread that wakes up only now finds nothing to do
     finish_.wait(lock, [this] { return busy_ == 0; });
@@ -63,6 +76,9 @@ void Pool::serve() {
         take(work, total, chunk);
         lock.lock();
         if (--busy_ == 0) finish_.notify_one();
+        lock.unlock();
+        spin([this, seen] { return round_ != seen; });
+        lock.lock();
     }
 }
 

@@ -2,6 +2,8 @@
 //
 // Chunks are taken, not assigned: on a busy machine the caller does the work of a thread that is not scheduled, instead of
 // waiting for it. (64 worlds, 2 threads, other work on both cores: assigned halves ran at half the speed of one thread.)
+// A step takes some ten microseconds and waking a thread as many, so a thread without work looks for more, yielding its
+// core, for a moment before it sleeps.
 #pragma once
 
 #include <atomic>
@@ -32,10 +34,10 @@ class Pool {
     std::mutex mutex_;
     std::condition_variable start_, finish_;
     std::vector<std::thread> threads_;
-    std::atomic<int> next_{0};
+    std::atomic<int> next_{0}, busy_{0};
+    std::atomic<unsigned long> round_{0};
     const Work* work_ = nullptr;  // null: nothing to do
-    int total_ = 0, chunk_ = 1, busy_ = 0;
-    unsigned long round_ = 0;
+    int total_ = 0, chunk_ = 1;
     bool closing_ = false;
 };
 

@@ -61,8 +61,11 @@ class Rom:
     trunk_pitch_limit: float = key("a free trunk falls beyond this pitch", unit="rad", above=0)
     fall_height: float = key("an episode ends below this body height, share of leg_length", above=0, high=1)
     substeps: int = key("physics steps per control step", low=1)
-    velocity_iterations: int = key("Box2D velocity iterations", low=1)
-    position_iterations: int = key("Box2D position iterations", low=1)
+    engine: str = key(
+        "box2d: the library; native: the same equations for many worlds at once", choices=("box2d", "native")
+    )
+    velocity_iterations: int = key("velocity iterations of the solver", low=1)
+    position_iterations: int = key("position iterations of the solver", low=1)
     reset_hip_angle: list[float] = key("range of the anti-phase hip angle at reset", unit="rad")
     reset_speed: list[float] = key("range of the forward speed at reset, share of the target speed")
     observation: str = key("full: 20 entries; paper: the 13 that the paper lists", choices=("full", "paper"))

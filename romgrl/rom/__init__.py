@@ -1,1 +1,1 @@
-"""Reduced-order model: a trunk on two spring legs, simulated in C++ with Box2D (paper section 3.2)."""
+"""Reduced-order model: a trunk on two spring legs, simulated in C++ (paper section 3.2)."""

@@ -1,4 +1,5 @@
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +42,7 @@ class Parameters:
     alpha: float
     reward_is_velocity: bool
     observation_is_paper: bool
+    engine_is_native: bool
     def __init__(self) -> None: ...
 
 class Pose:
@@ -56,6 +58,9 @@ class Pose:
     leg_rate: Sequence[float]
     def __init__(self) -> None: ...
 
+class Buffers:
+    def __init__(self, batch: Batch, arrays: Mapping[str, NDArray[Any]]) -> None: ...
+
 class Batch:
     def __init__(self, parameters: Parameters, num_worlds: int, num_threads: int) -> None: ...
     @property
@@ -64,22 +69,8 @@ class Batch:
     def observation_size(self) -> int: ...
     def seed(self, seed: int) -> None: ...
     def reset(self) -> None: ...
-    def step(
-        self,
-        actions: NDArray[np.float32],
-        observation: NDArray[np.float32],
-        reward: NDArray[np.float32],
-        terminated: NDArray[np.bool_],
-        truncated: NDArray[np.bool_],
-        final_observation: NDArray[np.float32],
-        features: NDArray[np.float32],
-        reset_features: NDArray[np.float32],
-        contact: NDArray[np.bool_],
-        forward_velocity: NDArray[np.float32],
-        ground_force: NDArray[np.float32],
-        hip_torque: NDArray[np.float32],
-        diverged: NDArray[np.bool_],
-    ) -> None: ...
+    def step(self, actions: NDArray[np.float32], buffers: Buffers) -> None: ...
+    def repeat(self, actions: NDArray[np.float32], buffers: Buffers, steps: int) -> None: ...
     def observe(
         self, observation: NDArray[np.float32], features: NDArray[np.float32], contact: NDArray[np.bool_]
     ) -> None: ...

@@ -10,6 +10,7 @@ from romgrl.rom import _core
 
 Reward = Literal["exponential", "forward_velocity"]
 Observation = Literal["full", "paper"]
+Engine = Literal["box2d", "native"]
 
 _RANGES = ("reset_hip_angle", "reset_speed")
 
@@ -48,6 +49,7 @@ class SpringLegParameters:
     reset_hip_angle: tuple[float, float] = (0.33, 0.42)
     reset_speed: tuple[float, float] = (0.9, 1.05)
     observation: Observation = "full"
+    engine: Engine = "box2d"
 
 
 def core_parameters(
@@ -64,10 +66,12 @@ def core_parameters(
         raise ValueError(f"reward {reward!r} is none of {get_args(Reward)}")
     if parameters.observation not in get_args(Observation):
         raise ValueError(f"observation {parameters.observation!r} is none of {get_args(Observation)}")
+    if parameters.engine not in get_args(Engine):
+        raise ValueError(f"engine {parameters.engine!r} is none of {get_args(Engine)}")
     values: dict[str, object] = {
         field.name: getattr(parameters, field.name)
         for field in fields(parameters)
-        if field.name not in ("observation", *_RANGES)
+        if field.name not in ("observation", "engine", *_RANGES)
     }
     for name in _RANGES:
         low, high = getattr(parameters, name)
@@ -77,6 +81,7 @@ def core_parameters(
     values |= {"speed": speed, "control_frequency": control_frequency, "episode_steps": episode_steps, "alpha": alpha}
     values |= {"reward_is_velocity": reward == "forward_velocity"}
     values |= {"observation_is_paper": parameters.observation == "paper"}
+    values |= {"engine_is_native": parameters.engine == "native"}
     core = _core.Parameters()
     for name, value in values.items():
         try:

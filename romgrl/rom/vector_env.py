@@ -96,6 +96,15 @@ class SpringLegVectorEnv(VectorEnv[Array, Array, Array]):
         self._hip_torque = np.zeros((n, 2), np.float32)
         self._diverged = np.zeros(n, np.bool_)
         self._travelled = np.zeros(n)  # m in this episode, for drawing
+        arrays = {
+            "observation": self._observation,
+            "reward": self._reward,
+            "terminated": self._terminated,
+            "truncated": self._truncated,
+            **self._info(),
+        }
+        arrays["final_observation"] = arrays.pop("final_obs")
+        self._buffers = _core.Buffers(self._batch, arrays)
 
     def _info(self) -> dict[str, Any]:
         return {
@@ -132,23 +141,11 @@ class SpringLegVectorEnv(VectorEnv[Array, Array, Array]):
 
     def step(self, actions: Array) -> tuple[Array, Array, Array, Array, dict[str, Any]]:
         """One control step of all worlds; actions (N, 2) float32, finite."""
-        self._travelled[self._terminated | self._truncated] = 0.0
-        self._batch.step(
-            np.ascontiguousarray(actions),
-            self._observation,
-            self._reward,
-            self._terminated,
-            self._truncated,
-            self._final_observation,
-            self._features,
-            self._reset_features,
-            self._contact,
-            self._forward_velocity,
-            self._ground_force,
-            self._hip_torque,
-            self._diverged,
-        )
-        self._travelled += self._forward_velocity * self.dt
+        if self.render_mode is not None:
+            self._travelled[self._terminated | self._truncated] = 0.0
+        self._batch.step(np.ascontiguousarray(actions), self._buffers)
+        if self.render_mode is not None:
+            self._travelled += self._forward_velocity * self.dt
         return self._observation, self._reward, self._terminated, self._truncated, self._info()
 
     def save(self) -> NDArray[np.float64]:

@@ -49,6 +49,14 @@ def test_bad_output_arrays_raise(name: str) -> None:
             worlds.step()
 
 
+def test_buffers_of_another_batch_raise() -> None:
+    worlds, other = Worlds(core_parameters(), 4), Worlds(core_parameters(), 5)
+    with pytest.raises(ValueError, match="another batch"):
+        worlds.batch.step(np.zeros((4, 2), np.float32), _core.Buffers(other.batch, other.arrays))
+    with pytest.raises(KeyError):
+        _core.Buffers(worlds.batch, {})
+
+
 @pytest.mark.parametrize(
     ("name", "values"),
     [
@@ -75,6 +83,7 @@ def test_bad_output_arrays_raise(name: str) -> None:
         ("reset_hip_angle", ((0.4, 0.2), (0.1, 2.0), (math.nan, 0.3), (0.1,))),
         ("reset_speed", ((1.0, 0.5), (0.0, math.nan))),
         ("observation", ("half", None)),
+        ("engine", ("bullet", None)),
     ],
 )
 def test_bad_parameters_raise(name: str, values: tuple[object, ...]) -> None:
@@ -105,6 +114,7 @@ def test_bad_arguments_raise(arguments: dict[str, object]) -> None:
         SpringLegVectorEnv(**arguments)  # type: ignore[arg-type]
 
 
+@pytest.mark.usefixtures("engine")
 def test_bad_poses_and_states_raise_and_change_nothing() -> None:
     worlds = Worlds(core_parameters(), 2)
     before = worlds.batch.save()
@@ -125,6 +135,7 @@ def test_bad_poses_and_states_raise_and_change_nothing() -> None:
     assert worlds.batch.save().tobytes() == before.tobytes()
 
 
+@pytest.mark.usefixtures("engine")
 def test_wild_states_end_the_episode_with_finite_numbers() -> None:
     """Velocities beyond all reason: the world is flagged, reset, and its neighbour goes on."""
     worlds = Worlds(core_parameters(), 2)
@@ -140,20 +151,22 @@ def test_wild_states_end_the_episode_with_finite_numbers() -> None:
         assert not worlds["diverged"].any()
 
 
-def test_random_poses_and_parameters_never_crash() -> None:
+def test_random_poses_and_parameters_never_crash(engine: str) -> None:
     """In a process of its own, since a failed assertion of Box2D would end it."""
     code = """
+import sys
 import numpy as np
 from romgrl.rom import _core
 from tests.rom.worlds import Worlds, core_parameters, pose
 rng = np.random.default_rng(0)
 wild = lambda *size: rng.choice([-1e300, -1e9, -999.0, -1.0, 0.0, 1e-300, 0.5, 3.0, 999.0, 1e9, np.nan, np.inf], size)
 refused = stepped = 0
+native = sys.argv[1] == "native"
 for trial in range(400):
     names = rng.choice(["stiffness", "foot_mass", "mass", "leg_length", "friction", "hip_torque", "trunk_inertia"], 2)
     values = {str(name): float(10.0 ** rng.uniform(-6, 8)) for name in names} if trial % 2 else {}
     try:
-        worlds = Worlds(core_parameters(trunk_locked=bool(trial % 3), **values), 3)
+        worlds = Worlds(core_parameters(engine_is_native=native, trunk_locked=bool(trial % 3), **values), 3)
         numbers = [float(value) for value in rng.choice([0.5, 1.0, 900.0, -900.0, 10.0], 4)]
         if trial % 5 == 0:
             numbers = [float(value) for value in wild(4)]
@@ -166,7 +179,7 @@ for trial in range(400):
         refused += 1
 print(refused, stepped)
 """
-    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=120)
+    result = subprocess.run([sys.executable, "-c", code, engine], capture_output=True, text=True, timeout=120)
     assert result.returncode == 0, result.stderr
     refused, stepped = map(int, result.stdout.split())
     assert refused > 50

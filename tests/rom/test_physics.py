@@ -7,6 +7,8 @@ import pytest
 
 from tests.rom.worlds import GRAVITY, SUBSTEPS_PER_SECOND, Worlds, core_parameters, passive, pose, run
 
+pytestmark = pytest.mark.usefixtures("engine")
+
 DT = 1.0 / SUBSTEPS_PER_SECOND
 MASS, FOOT, STIFFNESS, LENGTH, RADIUS = 71.8, 0.9, 24000.0, 0.865, 0.072
 TRUNK = MASS - 2 * FOOT

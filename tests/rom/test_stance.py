@@ -11,6 +11,8 @@ from scipy.integrate import solve_ivp
 
 from tests.rom.worlds import GRAVITY, passive, pose, run
 
+pytestmark = pytest.mark.usefixtures("engine")
+
 LENGTH, RADIUS, STIFFNESS, FOOT = 0.865, 0.072, 24000.0, 0.9
 TRUNK = 71.8 - 2 * FOOT
 MASSES = np.array([TRUNK, FOOT, FOOT])

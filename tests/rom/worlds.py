@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from romgrl.rom import _core
 
+ENGINE = "box2d"  # the fixture `engine` sets it
 GRAVITY = 9.81
 SUBSTEPS_PER_SECOND = 480
 
@@ -20,6 +21,7 @@ FEET = (slice(6, 12), slice(12, 18))
 def core_parameters(**values: Any) -> _core.Parameters:
     """The defaults of the core with some values changed."""
     parameters = _core.Parameters()
+    parameters.engine_is_native = ENGINE == "native"
     for name, value in values.items():
         setattr(parameters, name, value)
     return parameters
@@ -74,7 +76,8 @@ class Worlds:
 
     def step(self, actions: NDArray[np.float32] | None = None) -> None:
         n = self.batch.num_worlds
-        self.batch.step(np.zeros((n, 2), np.float32) if actions is None else actions, **self.arrays)
+        buffers = _core.Buffers(self.batch, self.arrays)
+        self.batch.step(np.zeros((n, 2), np.float32) if actions is None else actions, buffers)
 
     def trunk(self) -> NDArray[np.float64]:
         """x, y, angle, vx, vy, rate of world 0; x in the world."""

@@ -1,0 +1,239 @@
+// Loops over lanes that the compiler turns into vector instructions. No contraction into fused multiply-adds (see
+// CMakeLists.txt): every instruction set gives the same bits.
+#include <cmath>
+
+#include "native.hpp"
+
+// One copy of a function per instruction set, chosen when the module is loaded.
+#if defined(__x86_64__) && defined(__GLIBC__) && defined(__GNUC__) && !defined(__clang__)
+#define ROMGRL_CLONES __attribute__((target_clones("avx512f", "avx2", "default")))
+#else
+#define ROMGRL_CLONES
+#endif
+#define ROMGRL_INLINE __attribute__((always_inline)) inline
+
+namespace romgrl {
+namespace {
+
+constexpr double kPi = 3.14159265358979323846;
+
+ROMGRL_INLINE double larger(double a, double b) { return a > b ? a : b; }
+ROMGRL_INLINE double smaller(double a, double b) { return a < b ? a : b; }
+ROMGRL_INLINE double clamped(double value, double low, double high) { return smaller(larger(value, low), high); }
+
+// Angle of the unit vector (cosine, sine): twice the arctangent of the half angle's tangent, which is in [0, 1] in the
+// right half plane. The polynomial is a Chebyshev fit of atan(t) / t in t^2: the angle's error is below 2e-10 rad.
+ROMGRL_INLINE double angle_of(double cosine, double sine) {
+    const double t = std::fabs(sine) / (1.0 + std::fabs(cosine));
+    const double s = t * t;
+    double p = -0.0006804973376892177;
+    p = p * s + 0.004827228128556806;
+    p = p * s - 0.0160551614781314;
+    p = p * s + 0.034133424113205205;
+    p = p * s - 0.05421530938017452;
+    p = p * s + 0.0724228419757871;
+    p = p * s - 0.08979051070501506;
+    p = p * s + 0.1109298479297178;
+    p = p * s - 0.14283948422103546;
+    p = p * s + 0.19999909957098133;
+    p = p * s - 0.33333331518201503;
+    p = p * s + 0.9999999999390128;
+    const double right = 2.0 * t * p;
+    return std::copysign(cosine < 0.0 ? kPi - right : right, sine);
+}
+
+struct Leg {
+    double length, inverse_lever, along_x, along_y, rate, angle, angle_rate;
+    bool contact;
+};
+
+ROMGRL_INLINE Leg look(const NativeConstants& c, const Group& g, const Body& foot, int n) {
+    const double dx = foot.x[n] - g.trunk.x[n], dy = foot.y[n] - g.trunk.y[n];
+    const double vx = foot.vx[n] - g.trunk.vx[n], vy = foot.vy[n] - g.trunk.vy[n];
+    Leg leg;
+    leg.length = std::sqrt(dx * dx + dy * dy);
+    const double inverse = 1.0 / larger(leg.length, 1e-30);
+    leg.inverse_lever = smaller(inverse, c.inverse_shortest_lever);
+    leg.along_x = dx * inverse;
+    leg.along_y = leg.length > 0.0 ? dy * inverse : -1.0;
+    leg.rate = leg.along_x * vx + leg.along_y * vy;
+    leg.angle = angle_of(-leg.along_y, leg.along_x);
+    leg.angle_rate = (leg.along_x * vy - leg.along_y * vx) * leg.inverse_lever;
+    leg.contact = foot.y[n] <= c.foot_radius;
+    return leg;
+}
+
+ROMGRL_INLINE double axial_force(const NativeConstants& c, const Leg& leg, double rest, bool loaded) {
+    return c.stiffness * (rest - leg.length) - (loaded ? c.stance_damping : c.swing_damping) * leg.rate;
+}
+
+// 1 at a touchdown: the first load after leaving the ground.
+ROMGRL_INLINE double update_touchdown(LegLanes& lanes, const Leg& leg, bool loaded, int n) {
+    const double was_airborne = lanes.airborne[n], old_angle = lanes.touchdown_angle[n];
+    const double airborne = leg.contact ? was_airborne : 1.0;
+    const bool touchdown = (airborne > 0.0) & loaded;
+    lanes.airborne[n] = touchdown ? 0.0 : airborne;
+    lanes.touchdown_angle[n] = touchdown ? leg.angle : old_angle;
+    return touchdown ? 1.0 : 0.0;
+}
+
+// See Walker::update_shortening.
+ROMGRL_INLINE void update_shortening(const NativeConstants& c, LegLanes& lanes, const Leg& leg, bool loaded,
+                                     bool other_loaded, int n) {
+    const bool early = other_loaded & (leg.angle < 0.5 * larger(lanes.touchdown_angle[n], 0.0));
+    const double old = lanes.shortening[n];
+    const double missing = (early ? c.retraction : 0.0) - old;
+    lanes.shortening[n] = loaded ? old : old + clamped(missing, -c.retraction_change, c.retraction_change);
+}
+
+// See Walker::stop_torque.
+ROMGRL_INLINE double stop_torque(const NativeConstants& c, const Leg& leg, double angle, double rate) {
+    const double hip = leg.angle - angle;
+    const double excess = std::fabs(hip) - c.hip_angle_limit;
+    const double outward = std::copysign(1.0, hip) * (leg.angle_rate - rate);
+    const double push = larger(c.stop_stiffness * excess + c.stop_damping * outward, 0.0);
+    return excess > 0.0 ? std::copysign(push * leg.length * leg.length, -hip) : 0.0;
+}
+
+// Velocities of a foot: forces, then the contact; tells if the leg passes one of its stops on either.
+ROMGRL_INLINE bool move_foot(const NativeConstants& c, const Body& trunk, LegLanes& lanes, LegScratch& s,
+                             const Leg& leg, double fx, double fy, int n) {
+    const double vx = lanes.foot.vx[n] + c.dt * c.foot_inverse_mass * fx;
+    const double vy = lanes.foot.vy[n] + c.dt * c.foot_inverse_mass * fy - c.foot_fall;
+    const double normal = leg.contact ? larger(-vy, 0.0) : 0.0;  // impulses per foot mass
+    const double grip = c.friction * normal;
+    const double held_vx = vx + clamped(-vx, -grip, grip), held_vy = vy + normal;
+    const double along = leg.along_x * trunk.vx[n] + leg.along_y * trunk.vy[n];
+    const double before = leg.length + c.dt * (leg.along_x * vx + leg.along_y * vy - along);
+    const double after = leg.length + c.dt * (leg.along_x * held_vx + leg.along_y * held_vy - along);
+    lanes.foot.vx[n] = held_vx;
+    lanes.foot.vy[n] = held_vy;
+    lanes.ground_impulse[n] += normal;
+    s.free_vx[n] = vx;
+    s.free_vy[n] = vy;
+    s.along_x[n] = leg.along_x;
+    s.along_y[n] = leg.along_y;
+    s.length[n] = leg.length;
+    s.contact[n] = leg.contact ? 1.0 : 0.0;
+    return (smaller(before, after) < c.shortest) | (larger(before, after) > c.longest);
+}
+
+ROMGRL_INLINE void update_velocities(const NativeConstants& c, const Command& command, Group& g, Scratch& s, int n) {
+    LegLanes &p = g.leg[0], &q = g.leg[1];
+    const Leg a = look(c, g, p.foot, n), b = look(c, g, q.foot, n);
+    const bool a_loaded = a.contact & (a.length < c.leg_length - p.shortening[n]);
+    const bool b_loaded = b.contact & (b.length < c.leg_length - q.shortening[n]);
+    const double a_down = update_touchdown(p, a, a_loaded, n), b_down = update_touchdown(q, b, b_loaded, n);
+    update_shortening(c, p, a, a_loaded, b_loaded, n);
+    update_shortening(c, q, b, b_loaded, a_loaded, n);
+    // 1: a touched down, -1: b did; both at once: the one in front.
+    const double which = a_down - b_down + a_down * b_down * (a.angle > b.angle ? 1.0 : -1.0);
+    const double side = which * (1.0 - 2.0 * g.left_slot[n]), at_x = g.origin[n] + g.trunk.x[n];
+    const double old_side = g.touchdown_side[n], old_x = g.touchdown_x[n];
+    g.touchdown_side[n] = which * which > 0.0 ? side : old_side;
+    g.touchdown_x[n] = which * which > 0.0 ? at_x : old_x;
+
+    p.torque[n] += c.lag_gain * (command.torque[0][n] - p.torque[n]);
+    q.torque[n] += c.lag_gain * (command.torque[1][n] - q.torque[n]);
+    const double net = p.torque[n] + q.torque[n];
+    const double excess = net - clamped(net, -c.moment_limit, c.moment_limit);
+    p.hip_torque[n] = p.torque[n] - 0.5 * excess;
+    q.hip_torque[n] = q.torque[n] - 0.5 * excess;
+    const double a_torque = p.hip_torque[n] + stop_torque(c, a, g.angle[n], g.rate[n]);
+    const double b_torque = q.hip_torque[n] + stop_torque(c, b, g.angle[n], g.rate[n]);
+
+    const double a_rest = c.leg_length - p.shortening[n], b_rest = c.leg_length - q.shortening[n];
+    const double a_axial = axial_force(c, a, a_rest, a.contact & (a.length < a_rest));
+    const double b_axial = axial_force(c, b, b_rest, b.contact & (b.length < b_rest));
+    const double a_across = a_torque * a.inverse_lever, b_across = b_torque * b.inverse_lever;
+    const double a_fx = a_axial * a.along_x - a_across * a.along_y, a_fy = a_axial * a.along_y + a_across * a.along_x;
+    const double b_fx = b_axial * b.along_x - b_across * b.along_y, b_fy = b_axial * b.along_y + b_across * b.along_x;
+    g.trunk.vx[n] -= c.dt * c.trunk_inverse_mass * (a_fx + b_fx);
+    g.trunk.vy[n] -= c.dt * c.trunk_inverse_mass * (a_fy + b_fy) + c.trunk_fall;
+    g.rate[n] -= c.dt * c.trunk_inverse_inertia * (a_torque + b_torque);
+    const bool a_stop = move_foot(c, g.trunk, p, s.leg[0], a, a_fx, a_fy, n);
+    const bool b_stop = move_foot(c, g.trunk, q, s.leg[1], b, b_fx, b_fy, n);
+    s.stopped[n] = (a_stop | b_stop) ? 1.0 : 0.0;
+}
+
+// Tells if the position of this foot needs more than the one correction that it got.
+ROMGRL_INLINE bool move(const NativeConstants& c, const Body& trunk, Body& foot, LegScratch& s, int n) {
+    foot.x[n] += c.dt * foot.vx[n];
+    const double y = foot.y[n] + c.dt * foot.vy[n];
+    s.free_y[n] = y;
+    const double below = c.foot_radius - y;
+    const double correction = clamped(kCorrection * (below - kSlop), 0.0, kLargestCorrection);
+    foot.y[n] = y + s.contact[n] * correction;
+    const double dx = foot.x[n] - trunk.x[n], dy = foot.y[n] - trunk.y[n];
+    const double square = dx * dx + dy * dy;
+    return (s.contact[n] * below > 3.0 * kSlop) | (square < c.shortest * c.shortest) | (square > c.longest * c.longest);
+}
+
+ROMGRL_INLINE void update_positions(const NativeConstants& c, Group& g, Scratch& s, int n) {
+    g.trunk.x[n] += c.dt * g.trunk.vx[n];
+    g.trunk.y[n] += c.dt * g.trunk.vy[n];
+    g.angle[n] += c.dt * g.rate[n];
+    const bool a_stop = move(c, g.trunk, g.leg[0].foot, s.leg[0], n);
+    const bool b_stop = move(c, g.trunk, g.leg[1].foot, s.leg[1], n);
+    s.stopped[n] = (a_stop | b_stop) ? 1.0 : 0.0;
+}
+
+ROMGRL_INLINE bool any(const Lanes& flags) {
+    double sum = 0.0;
+    for (int n = 0; n < kLanes; ++n) sum += flags[n];
+    return sum > 0.0;
+}
+
+ROMGRL_INLINE void recentre(Group& g) {
+    for (int n = 0; n < kLanes; ++n) {
+        const double shift = kShift * static_cast<double>(static_cast<int>(g.trunk.x[n] * (1.0 / kShift)));
+        g.origin[n] += shift;
+        g.trunk.x[n] -= shift;
+        g.leg[0].foot.x[n] -= shift;
+        g.leg[1].foot.x[n] -= shift;
+    }
+}
+
+}  // namespace
+
+ROMGRL_CLONES void native_step(const NativeConstants& constants, const Command& command, Group& group) {
+    const NativeConstants c = constants;
+    Scratch scratch;
+    group.leg[0].ground_impulse = group.leg[1].ground_impulse = Lanes{};
+    for (int substep = 0; substep < c.substeps; ++substep) {
+        for (int n = 0; n < kLanes; ++n) update_velocities(c, command, group, scratch, n);
+        if (any(scratch.stopped)) {
+            for (int n = 0; n < kLanes; ++n) {
+                if (scratch.stopped[n] > 0.0) solve_velocities(c, scratch, n, group);
+            }
+        }
+        for (int n = 0; n < kLanes; ++n) update_positions(c, group, scratch, n);
+        if (any(scratch.stopped)) {
+            for (int n = 0; n < kLanes; ++n) {
+                if (scratch.stopped[n] > 0.0) solve_positions(c, scratch, n, group);
+            }
+        }
+    }
+    recentre(group);
+}
+
+ROMGRL_CLONES void native_view(const NativeConstants& c, const Group& group, View& view) {
+    for (int i = 0; i < kLegs; ++i) {
+        const LegLanes& lanes = group.leg[i];
+        for (int n = 0; n < kLanes; ++n) {
+            const Leg leg = look(c, group, lanes.foot, n);
+            const double rest = c.leg_length - lanes.shortening[n];
+            const bool loaded = leg.contact & (leg.length < rest);
+            view.length[i][n] = leg.length;
+            view.rate[i][n] = leg.rate;
+            view.angle[i][n] = leg.angle;
+            view.angle_rate[i][n] = leg.angle_rate;
+            view.x[i][n] = leg.length * leg.along_x;
+            view.y[i][n] = leg.length * leg.along_y;
+            view.load[i][n] = loaded ? axial_force(c, leg, rest, loaded) : 0.0;
+            view.contact[i][n] = leg.contact ? 1.0 : 0.0;
+        }
+    }
+}
+
+}  // namespace romgrl

@@ -1,0 +1,66 @@
+// What an engine has to offer: worlds that can be placed, stepped, observed, saved and restored.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cstdint>
+#include <memory>
+
+#include "episode.hpp"
+
+namespace romgrl {
+
+constexpr int kFullObservation = 20;
+constexpr int kPaperObservation = 13;
+constexpr int kFeatures = 5;
+
+// Arrays of the caller, C-contiguous, one row per world. Rows of final_* and of the other arrays but observation and
+// reset_features are from before the autoreset.
+struct StepArrays {
+    float* observation;
+    float* reward;
+    bool* terminated;
+    bool* truncated;
+    float* final_observation;
+    float* features;
+    float* reset_features;
+    bool* contact;
+    float* forward_velocity;
+    float* ground_force;
+    float* hip_torque;
+    bool* diverged;
+};
+
+inline int observation_size(const Parameters& parameters) {
+    return parameters.observation_is_paper ? kPaperObservation : kFullObservation;
+}
+
+// Columns in the order that the paper lists them, if it is the paper's observation: position, velocity, spring lengths
+// and rates, hip angles and rates, target speed.
+inline void write_observation(const Parameters& parameters, const float* full, float* observation) {
+    constexpr std::array<int, kPaperObservation> paper{0, 1, 2, 3, 6, 7, 8, 9, 10, 11, 12, 13, 18};
+    if (!parameters.observation_is_paper) {
+        std::copy_n(full, kFullObservation, observation);
+        return;
+    }
+    for (int i = 0; i < kPaperObservation; ++i) observation[i] = full[paper[i]];
+}
+
+class Worlds {
+  public:
+    virtual ~Worlds() = default;
+
+    virtual int block() const = 0;  // so many worlds are stepped together
+    virtual void step(int block, const float* actions, const StepArrays& arrays) = 0;
+    virtual void observe(float* observation, float* features, bool* contact) const = 0;
+    virtual void seed(std::uint64_t value) = 0;
+    virtual void reset() = 0;
+    virtual void place(int world, const Pose& pose) = 0;
+    virtual void save(int world, double* state) const = 0;
+    virtual void restore(int world, const double* state) = 0;  // is_state() holds
+};
+
+std::unique_ptr<Worlds> box2d_worlds(const Parameters& parameters, int worlds);
+std::unique_ptr<Worlds> native_worlds(const Parameters& parameters, int worlds);
+
+}  // namespace romgrl

@@ -1,0 +1,12 @@
+"""Tests that ask for `engine` run once with each engine of the reduced-order model."""
+
+import pytest
+
+from tests.rom import worlds
+
+
+@pytest.fixture(params=["box2d", "native"])
+def engine(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
+    """The engine's name; worlds of `core_parameters` have it."""
+    monkeypatch.setattr(worlds, "ENGINE", request.param)
+    return str(request.param)
