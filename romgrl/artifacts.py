@@ -21,6 +21,11 @@ if TYPE_CHECKING:
 
 MANIFEST = "manifest.json"
 FORMAT = 1
+INTEGERS = {
+    f"{sign}{bits}": f"{name}{bits}" for sign, name in (("I", "int"), ("U", "uint")) for bits in (8, 16, 32, 64)
+}
+FLOATS = {f"F{bits}": f"float{bits}" for bits in (16, 32, 64)}
+TORCH_DTYPES = {**INTEGERS, **FLOATS, "BF16": "bfloat16", "BOOL": "bool"}  # by their names in safetensors
 
 
 @dataclass(frozen=True)
@@ -90,6 +95,18 @@ def load_tensors(path: Path) -> tuple[dict[str, torch.Tensor], dict[str, str]]:
         raise ArtifactError(f"{path}: cannot be read: {error}") from error
 
 
+def tensor_shapes(path: Path) -> dict[str, tuple[str, tuple[int, ...]]]:
+    """`name: (dtype, shape)` of what `save_tensors` wrote, without torch. Raises ArtifactError naming the file."""
+    from safetensors import SafetensorError, safe_open
+
+    try:
+        with safe_open(path, framework="numpy") as file:
+            slices = {name: file.get_slice(name) for name in file.keys()}  # noqa: SIM118 - not a mapping
+            return {name: (TORCH_DTYPES[part.get_dtype()], tuple(part.get_shape())) for name, part in slices.items()}
+    except (OSError, SafetensorError) as error:
+        raise ArtifactError(f"{path}: cannot be read: {error}") from error
+
+
 def save_arrays(path: Path, arrays: Mapping[str, NDArray[Any] | float]) -> None:
     """Save arrays as npz; floating point becomes float32. Raises ValueError for arrays of objects."""
     converted: dict[str, Any] = {}
@@ -123,10 +140,7 @@ def record_file(path: Path) -> FileRecord:
     if path.suffix == ".npz":
         arrays = {name: (str(value.dtype), value.shape) for name, value in load_arrays(path).items()}
     elif path.suffix == ".safetensors":
-        arrays = {
-            name: (str(value.dtype).removeprefix("torch."), tuple(value.shape))
-            for name, value in load_tensors(path)[0].items()
-        }
+        arrays = tensor_shapes(path)
     return FileRecord(sha256, path.stat().st_size, arrays)
 
 

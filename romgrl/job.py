@@ -10,7 +10,6 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from filelock import FileLock, Timeout
 from rich.progress import Progress
@@ -21,10 +20,8 @@ from romgrl.errors import RomgrlError
 from romgrl.keys import STAGES, stage_config, stage_settings
 from romgrl.progress import TerminalLog, format_duration
 from romgrl.provenance import git_state, versions
+from romgrl.recorder import RecordedRun, Recorder
 from romgrl.worker import Runner
-
-if TYPE_CHECKING:
-    from romgrl.tracking import TrackedRun, Tracker
 
 LOCK_SECONDS = 0.5  # between two looks at whether to stop waiting for another process
 
@@ -34,8 +31,8 @@ class Job:
     """One configuration on its way through the stages; threads may make stages that do not need each other."""
 
     config: Config
-    tracker: Tracker
-    run: TrackedRun
+    recorder: Recorder
+    run: RecordedRun
     bars: Progress
     keys: Mapping[str, str]
     finished: dict[str, Path] = field(default_factory=dict)
@@ -100,7 +97,7 @@ class Job:
         partial.mkdir(parents=True)
         upstream_keys = " ".join(f"{name}={self.keys[name]}" for name in inputs)
         tags = {"stage": stage, "key": self.keys[stage], "upstream": upstream_keys, "threads": str(threads)}
-        run = self.tracker.start(stage, parent=self.run.run_id, tags=tags, params=settings)
+        run = self.recorder.start(stage, parent=self.run, tags=tags, params=settings)
         self.say(f"{stage}: started, {threads} thread{'s' if threads > 1 else ''}")
         start, status = time.monotonic(), "FAILED"
         try:

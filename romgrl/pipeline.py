@@ -17,6 +17,7 @@ from romgrl.config import Config
 from romgrl.job import Job
 from romgrl.keys import STAGES, all_keys, plan, share_threads
 from romgrl.progress import make_bars
+from romgrl.recorder import open_recorder, ui_command
 from romgrl.summary import result_metrics, result_tables
 from romgrl.validation import validate
 from romgrl.worker import Worker, execute
@@ -34,14 +35,12 @@ def run(
     validate(config)
     config = resolve(config)
     listen_to_signals()
-    from romgrl.tracking import Tracker, ui_command
-
     outputs = Path(config.paths.outputs)
     tracking = config.tracking
-    tracker = Tracker(uri=tracking.uri, experiment=tracking.experiment, outputs=outputs, enabled=tracking.enabled)
-    tracked = tracker.start(name, parent=parent, tags={"stage": "job"}, params=asdict(config))
+    recorder = open_recorder(tracking.uri, tracking.experiment, outputs, enabled=tracking.enabled)
+    tracked = recorder.start(name, parent=parent, tags={"stage": "job"}, params=asdict(config))
     console = console or Console()
-    job = Job(config, tracker, tracked, make_bars(console), all_keys(config))
+    job = Job(config, recorder, tracked, make_bars(console), all_keys(config))
     if parent is not None:
         job.say(f"job: {name}")
     status = "FAILED"
@@ -56,13 +55,14 @@ def run(
         raise
     finally:
         tracked.finish(status)
+        recorder.close()
     if "evaluation" in job.finished:
         for table in result_tables(job.finished["evaluation"]):
             console.print(table)
     if "report" in job.finished:
         job.say(f"figures and films: {job.finished['report']}")
     if tracked.run_id is not None:
-        job.say(f"compare runs: {ui_command(tracker.uri)}")
+        job.say(f"compare runs: {ui_command(recorder.uri)}")
     return job.finished
 
 

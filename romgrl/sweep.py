@@ -16,6 +16,7 @@ from omegaconf import DictConfig
 
 from romgrl.composition import COMPOSITION_ERRORS, explain, to_config
 from romgrl.errors import ConfigurationError
+from romgrl.recorder import open_recorder
 from romgrl.validation import validate
 
 PARENT_VARIABLE = "ROMGRL_PARENT_RUN"
@@ -52,18 +53,17 @@ class SweepCallback(Callback):
         except ConfigurationError as error:
             print(error, file=sys.stderr)
             sys.exit(error.exit_code)
-        from romgrl.tracking import Tracker
-
         tracking = config.tracking
         outputs = Path(config.paths.outputs).expanduser().resolve()
-        tracker = Tracker(uri=tracking.uri, experiment=tracking.experiment, outputs=outputs, enabled=tracking.enabled)
+        self._recorder = open_recorder(tracking.uri, tracking.experiment, outputs, enabled=tracking.enabled)
         overrides = [*config.hydra.overrides.task]
         name = "sweep " + " ".join(overrides) if overrides else f"sweep {config.hydra.job.config_name}"
-        self._run = tracker.start(name, tags={"stage": "sweep"}, params={"jobs": len(sweep_jobs(config))})
+        self._run = self._recorder.start(name, tags={"stage": "sweep"}, params={"jobs": len(sweep_jobs(config))})
         atexit.register(self._run.finish, "KILLED")
         os.environ[PARENT_VARIABLE] = self._run.run_id or ""
 
     def on_multirun_end(self, config: DictConfig, **kwargs: Any) -> None:
         """Close the parent run."""
         self._run.finish("FINISHED")
+        self._recorder.close()
         os.environ.pop(PARENT_VARIABLE, None)

@@ -1,6 +1,7 @@
 """Runs, parameters, metrics and artifacts in MLflow; the only module that imports it.
 
-Tracking never costs a training: every failure is told once, the numbers stay in curve.csv, and the stage goes on.
+Tracking never costs a training: every failure is told once, the numbers stay in curve.csv, and the stage goes on. The
+pipeline runs this module as a process of its own and talks to it through romgrl.recorder.
 """
 
 from __future__ import annotations
@@ -9,13 +10,13 @@ import logging
 import os
 import queue
 import re
-import shlex
-import shutil
+import signal
 import sqlite3
 import sys
 import threading
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import closing, suppress
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -30,6 +31,8 @@ from mlflow.exceptions import MlflowException
 from rich.console import Console
 from sqlalchemy.exc import SQLAlchemyError
 
+from romgrl.recorder import ANSWERED, now
+
 FLUSH_SECONDS = 2.0
 CLOSE_SECONDS = 20.0
 METRICS_PER_BATCH = 1000  # MLflow's own limits of one request
@@ -40,20 +43,6 @@ PARENT_TAG = "mlflow.parentRunId"
 FAILURES = (MlflowException, SQLAlchemyError, sqlite3.Error, OSError)
 
 T = TypeVar("T")
-
-
-def default_uri(outputs: Path) -> str:
-    """The SQLite store of an output directory."""
-    return f"sqlite:///{outputs.resolve() / 'mlflow.db'}"
-
-
-def ui_command(uri: str) -> str:
-    """The command that shows the runs of a store on this machine; the server listens on loopback only."""
-    if uri.startswith("http"):
-        return f"open {uri}"
-    beside_python = Path(sys.executable).with_name("mlflow")
-    program = "mlflow" if shutil.which("mlflow") or not beside_python.exists() else shlex.quote(str(beside_python))
-    return f"{program} ui --backend-store-uri {shlex.quote(uri)}"
 
 
 def flatten(settings: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
@@ -88,15 +77,21 @@ def open_client(uri: str, outputs: Path, experiment: str) -> tuple[MlflowClient,
         )
 
 
-class Tracker:
-    """Makes runs in one store; without a client (tracking disabled or out of reach) all of them do nothing."""
+def checkpoint(uri: str) -> None:
+    """Empty the write-ahead log of a SQLite store."""
+    with closing(sqlite3.connect(uri.removeprefix("sqlite:///"))) as store:
+        store.execute("PRAGMA wal_checkpoint(TRUNCATE)")
 
-    def __init__(self, *, uri: str | None, experiment: str, outputs: Path, enabled: bool = True) -> None:
-        self.uri = uri or default_uri(outputs)
+
+class Tracker:
+    """Makes runs in one store; without a client (out of reach) all of them do nothing."""
+
+    def __init__(self, *, uri: str, experiment: str, outputs: Path) -> None:
+        self.uri = uri
         self._warned = False
         self.client: MlflowClient | None = None
         self.experiment_id = ""
-        opened = self.attempt(lambda: open_client(self.uri, outputs, experiment)) if enabled else None
+        opened = self.attempt(lambda: open_client(uri, outputs, experiment))
         if opened:
             self.client, self.experiment_id = opened
 
@@ -114,17 +109,28 @@ class Tracker:
             return None
 
     def start(
-        self, name: str, *, parent: str | None = None, tags: Mapping[str, str], params: Mapping[str, Any] | None = None
+        self,
+        name: str,
+        *,
+        parent: str | None = None,
+        tags: Mapping[str, str],
+        params: Mapping[str, Any] | None = None,
+        at: int | None = None,
     ) -> TrackedRun:
-        """Start a run with its tags and flattened parameters."""
+        """Start a run with its tags and flattened parameters, `at` milliseconds since 1970 (None: now)."""
         client = self.client
         if client is None:
             return TrackedRun(self, None)
         all_tags = {**tags, **({PARENT_TAG: parent} if parent else {})}
-        run = self.attempt(lambda: client.create_run(self.experiment_id, tags=all_tags, run_name=name))
+        run = self.attempt(lambda: client.create_run(self.experiment_id, at or now(), all_tags, name))
         tracked = TrackedRun(self, run.info.run_id if run else None)
         tracked.params(params or {})
         return tracked
+
+    def close(self) -> None:
+        """Bring all that is stored into the database file itself."""
+        if self.client is not None and self.uri.startswith("sqlite:"):
+            self.attempt(lambda: checkpoint(self.uri))
 
 
 class TrackedRun:
@@ -156,12 +162,11 @@ class TrackedRun:
         """Set tags."""
         self._call("log_batch", tags=[RunTag(name, value) for name, value in tags.items()])
 
-    def metrics(self, values: Mapping[str, float], step: int) -> None:
-        """Queue numbers at a step; returns at once."""
-        now = int(time.time() * 1000)
+    def metrics(self, values: Mapping[str, float], step: int, at: int | None = None) -> None:
+        """Queue numbers at a step, taken `at` milliseconds since 1970 (None: now); returns at once."""
         if self.run_id is not None:
             for name, value in values.items():
-                self._queue.put(Metric(NOT_IN_NAMES.sub("_", name), value, now, step))
+                self._queue.put(Metric(NOT_IN_NAMES.sub("_", name), value, at or now(), step))
 
     def artifacts(self, directory: Path) -> None:
         """Copy every file of a directory to the run."""
@@ -185,3 +190,35 @@ class TrackedRun:
             self._pending.append(self._queue.get())
         while self._pending and self._call("log_batch", metrics=self._pending[:METRICS_PER_BATCH]):
             del self._pending[:METRICS_PER_BATCH]
+
+
+def serve(connection: Connection) -> None:
+    """Do what a Recorder sends, in its order, until it closes the pipe; then the runs that it left open are killed."""
+    tracker = Tracker(**connection.recv())
+    runs: dict[int, TrackedRun] = {}
+    with suppress(EOFError, OSError):
+        while True:
+            number, run, method, arguments, named = connection.recv()
+            if method == "start":
+                parent = named.pop("parent")
+                parent = runs[parent].run_id if isinstance(parent, int) else parent
+                runs[number] = tracker.start(*arguments, parent=parent, **named)
+            else:
+                getattr(runs[run], method)(*arguments, **named)
+            if method in ANSWERED:
+                connection.send((number, runs[number].run_id if method == "start" else None))
+    for left in runs.values():
+        left.finish("KILLED")
+    tracker.close()
+
+
+def main() -> None:
+    """Serve the pipe whose file descriptor is the only argument; signals are the pipeline's to answer."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)
+    serve(Connection(int(sys.argv[1])))
+    os._exit(0)  # all is stored; taking MLflow apart would be half a second for nothing
+
+
+if __name__ == "__main__":
+    main()

@@ -20,7 +20,7 @@ from romgrl.artifacts import load_arrays, load_tensors, open_artifact
 from romgrl.config import STAGES, Config
 from romgrl.humanoid import model
 from romgrl.keys import LABELS, stage_settings
-from romgrl.tracking import default_uri
+from romgrl.recorder import default_uri
 from romgrl.validation import schema_keys
 from tests.conftest import Composer
 

@@ -8,10 +8,9 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-import torch
 
 from romgrl import keys
-from romgrl.artifacts import save_arrays
+from romgrl.artifacts import save_arrays, save_tensors
 from romgrl.config import Config
 from romgrl.errors import DivergenceError
 from romgrl.progress import StageLog
@@ -19,6 +18,8 @@ from romgrl.progress import StageLog
 
 def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog) -> None:
     """Write an array, a curve and, for the evaluation, its tables."""
+    import torch
+
     stage = output.parent.name
     note(output, "calls.txt", stage, config.speed, config.eta, config.seed)
     start = time.time()
@@ -38,6 +39,7 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
         log.metrics({"loss": float(step)}, step * 10)
     note(output, "times.txt", stage, start, time.time(), os.getpid(), config.threads, torch.get_num_threads())
     save_arrays(output / "data.npz", {"x": np.arange(4.0), "upstream": np.array(sorted(inputs))})
+    save_tensors(output / "policy.safetensors", {"w": torch.ones(2, 3)}, {})
     if stage == "evaluation":
         (output / "mse.csv").write_text("channel,alignment,baseline,student,reduction_percent\naverage,raw,2,1,50\n")
 

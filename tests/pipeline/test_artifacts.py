@@ -18,6 +18,7 @@ from romgrl.artifacts import (
     open_artifact,
     save_arrays,
     save_tensors,
+    tensor_shapes,
     write_manifest,
 )
 from romgrl.errors import ArtifactError
@@ -59,6 +60,14 @@ def test_round_trip(artifact: Path) -> None:
     assert arrays["dt"].dtype == np.float32
     assert arrays["dt"] == np.float32(1 / 30)
     assert arrays["episode"].tolist() == list(range(7))
+
+
+def test_dtypes_without_torch_are_those_of_torch(tmp_path: Path) -> None:
+    names = ["float16", "bfloat16", "float32", "float64", "int8", "int16", "int32", "int64", "uint8", "bool"]
+    tensors = {name: torch.ones(2, 3).to(getattr(torch, name)) for name in names} | {"scalar": torch.tensor(1.0)}
+    save_tensors(tmp_path / "x.safetensors", tensors, {})
+    expected = {name: (name, (2, 3)) for name in names} | {"scalar": ("float32", ())}
+    assert tensor_shapes(tmp_path / "x.safetensors") == expected
 
 
 def test_manifest_describes_every_file(artifact: Path) -> None:
@@ -156,6 +165,8 @@ def test_pickles_are_refused(tmp_path: Path) -> None:
     np.savez(tmp_path / "objects.npz", x=np.array([{"a": 1}], dtype=object))
     (tmp_path / "policy.safetensors").write_bytes(pickle.dumps({"w": 1}))
     (tmp_path / "plain.npz").write_bytes(pickle.dumps({"w": 1}))
+    with pytest.raises(ArtifactError, match=r"policy\.safetensors: cannot be read"):
+        tensor_shapes(tmp_path / "policy.safetensors")
     for name, load in (("objects.npz", load_arrays), ("plain.npz", load_arrays), ("policy.safetensors", load_tensors)):
         with pytest.raises(ArtifactError, match=f"{name}: cannot be read"):
             load(tmp_path / name)

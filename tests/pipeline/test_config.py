@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,7 +11,7 @@ import pytest
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
-from romgrl import config_docs
+from romgrl import config_docs, validation
 from romgrl.composition import COMPOSITION_ERRORS, CONF, explain, to_config
 from romgrl.config import STAGES, Config
 from romgrl.errors import ConfigurationError
@@ -130,6 +132,24 @@ def test_refusals(compose_config: Composer, override: str) -> None:
     else:
         lines = []
     assert [line[: len(REFUSED[override])] for line in lines] == [REFUSED[override]]
+
+
+@pytest.mark.parametrize("found", [False, True])
+def test_cuda_is_refused_where_there_is_none(
+    compose_config: Composer, monkeypatch: pytest.MonkeyPatch, found: bool
+) -> None:
+    monkeypatch.setattr(validation, "cuda_available", lambda: found)
+    line = "device: cuda is not allowed; allowed: cpu (no CUDA device was found)"
+    with nullcontext() if found else pytest.raises(ConfigurationError, match=f"^{re.escape(line)}$"):
+        validate(compose_config("device=cuda"))
+
+
+@pytest.mark.skipif(validation.cuda_available(), reason="there is a CUDA device")
+def test_the_command_line_refuses_cuda_before_any_work(command: Command, tmp_path: Path) -> None:
+    result = command("device=cuda")
+    assert (result.returncode, result.stdout) == (2, "")
+    assert result.stderr == "device: cuda is not allowed; allowed: cpu (no CUDA device was found)\n"
+    assert not (tmp_path / "outputs").exists()
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,8 @@ import io
 import json
 import re
 import signal
+import subprocess
+import sys
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -19,7 +21,7 @@ from romgrl.config import STAGES, Config
 from romgrl.errors import ArtifactError, DivergenceError
 from romgrl.keys import all_keys
 from tests.conftest import Composer
-from tests.pipeline.conftest import Command, start, trainings
+from tests.pipeline.conftest import ROOT, Command, start, trainings
 
 
 @pytest.fixture
@@ -62,6 +64,21 @@ def test_finished_stages_are_reused(quiet: Config) -> None:
     assert len(trainings(Path(quiet.paths.outputs))) == len(STAGES)
     assert text.count(": reused; it took") == len(STAGES)
     assert len(finished) == len(STAGES)
+
+
+def test_a_run_that_makes_nothing_imports_nothing_heavy(command: Command, tmp_path: Path) -> None:
+    """MLflow has a process of its own; torch and MuJoCo are for stages."""
+    arguments = ["experiment=smoke", f"paths.outputs={tmp_path}/outputs"]
+    assert command("experiment=smoke", "tracking=none").returncode == 0
+    script = (
+        "import sys, atexit; heavy = {'torch', 'mujoco', 'mlflow', 'matplotlib', 'pandas'};"
+        "atexit.register(lambda: print(heavy & set(sys.modules)));"
+        "from romgrl.__main__ import main; from tests.pipeline import fake_stages; fake_stages.install(); main()"
+    )
+    process = [sys.executable, "-c", script, *arguments]
+    result = subprocess.run(process, cwd=ROOT, capture_output=True, text=True, check=True)
+    assert result.stdout.count(": reused; it took") == len(STAGES)
+    assert result.stdout.splitlines()[-1] == "set()"
 
 
 @pytest.mark.usefixtures("fakes")

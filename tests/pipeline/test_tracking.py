@@ -6,6 +6,7 @@ import io
 import subprocess
 import sys
 import time
+from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
@@ -15,8 +16,9 @@ from rich.console import Console
 
 from romgrl import pipeline
 from romgrl.config import STAGES, Config
-from romgrl.tracking import PARENT_TAG, Tracker, default_uri
-from tests.pipeline.conftest import ROOT, Command
+from romgrl.recorder import default_uri, open_recorder
+from romgrl.tracking import PARENT_TAG, Tracker
+from tests.pipeline.conftest import ROOT, Command, start
 
 
 def all_runs(outputs: Path) -> list[Run]:
@@ -54,6 +56,7 @@ def test_one_run_per_stage_under_one_job(smoke_config: Config) -> None:
         "curve.csv",
         "data.npz",
         "manifest.json",
+        "policy.safetensors",
     }
     assert (outputs / "mlartifacts").is_dir()
     text = console.file.getvalue()
@@ -100,10 +103,10 @@ def test_interrupted_runs_are_closed(smoke_config: Config, monkeypatch: pytest.M
 
 def test_four_processes_open_a_fresh_store_at_once(tmp_path: Path) -> None:
     script = (
-        "import sys; from pathlib import Path; from romgrl.tracking import Tracker;"
-        "tracker = Tracker(uri=None, experiment='romgrl', outputs=Path(sys.argv[1]));"
-        "run = tracker.start('x', tags={'stage': 'x'}, params={'a': 1}); run.metrics({'m': 1.0}, 1); run.finish();"
-        "sys.exit(run.run_id is None)"
+        "import sys; from pathlib import Path; from romgrl.recorder import open_recorder;"
+        "recorder = open_recorder(None, 'romgrl', Path(sys.argv[1]), enabled=True);"
+        "run = recorder.start('x', tags={'stage': 'x'}, params={'a': 1}); run.metrics({'m': 1.0}, 1); run.finish();"
+        "recorder.close(); sys.exit(run.run_id is None)"
     )
     command = [sys.executable, "-c", script, str(tmp_path)]
     jobs = [subprocess.Popen(command, cwd=ROOT, stderr=subprocess.PIPE, text=True) for _ in range(4)]
@@ -119,7 +122,7 @@ def test_four_processes_open_a_fresh_store_at_once(tmp_path: Path) -> None:
 
 def test_a_store_that_fails_is_told_once_and_survived(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "mlflow.db").write_text("this is not a database")
-    tracker = Tracker(uri=None, experiment="romgrl", outputs=tmp_path)
+    tracker = Tracker(uri=default_uri(tmp_path), experiment="romgrl", outputs=tmp_path)
     run = tracker.start("x", tags={}, params={"a": 1})
     run.metrics({"m": 1.0}, 1)
     run.artifacts(tmp_path)
@@ -129,7 +132,7 @@ def test_a_store_that_fails_is_told_once_and_survived(tmp_path: Path, capsys: py
 
 
 def test_a_store_that_fails_in_mid_training(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    tracker = Tracker(uri=None, experiment="romgrl", outputs=tmp_path)
+    tracker = Tracker(uri=default_uri(tmp_path), experiment="romgrl", outputs=tmp_path)
     run = tracker.start("x", tags={})
     for name in ("mlflow.db", "mlflow.db-wal", "mlflow.db-shm"):
         (tmp_path / name).unlink(missing_ok=True)
@@ -142,15 +145,66 @@ def test_a_store_that_fails_in_mid_training(tmp_path: Path, capsys: pytest.Captu
     assert capsys.readouterr().err.count("warning: MLflow at ") == 1
 
 
-def test_logging_costs_under_one_percent(tmp_path: Path) -> None:
-    """A training logs some 20 numbers a second; 2,000 of them cost the caller under a second of its 100."""
-    run = Tracker(uri=None, experiment="romgrl", outputs=tmp_path).start("x", tags={})
+def test_the_sender_does_not_wait(tmp_path: Path) -> None:
+    """A training logs some 20 numbers a second. A hundred times that is sent at once, and all of it arrives."""
+    recorder = open_recorder(None, "romgrl", tmp_path, enabled=True)
+    run = recorder.start("x", tags={})
+    run_id = run.run_id
     before = time.process_time()
     for step in range(100):
         run.metrics({f"m{i}": float(step) for i in range(20)}, step)
-    queued = time.process_time() - before
+    assert time.process_time() - before < 0.1
     run.finish()
-    assert queued < 0.1
-    assert time.process_time() - before < 1.0
+    assert time.process_time() - before < 0.2
+    recorder.close()
     (stored,) = all_runs(tmp_path)
+    assert (stored.info.run_id, stored.info.status) == (run_id, "FINISHED")
     assert stored.data.metrics == {f"m{i}": 99.0 for i in range(20)}
+    assert not (tmp_path / "mlflow.db-wal").exists() or (tmp_path / "mlflow.db-wal").stat().st_size == 0
+
+
+def test_a_pipeline_that_is_killed_leaves_no_run_open(tmp_path: Path) -> None:
+    Tracker(uri=default_uri(tmp_path), experiment="romgrl", outputs=tmp_path)
+    job = start("experiment=smoke", "stage=teacher", f"paths.outputs={tmp_path}", FAKE_SECONDS="60")
+    wait_for_runs(tmp_path, {"job": "RUNNING", "teacher": "RUNNING"})
+    job.kill()
+    job.communicate()
+    wait_for_runs(tmp_path, {"job": "KILLED", "teacher": "KILLED"})
+
+
+def wait_for_runs(outputs: Path, status: Mapping[str, str]) -> None:
+    """Wait until the runs of a store have a status, by stage."""
+    deadline = time.monotonic() + 60
+    while {run.data.tags["stage"]: run.info.status for run in all_runs(outputs)} != status:
+        assert time.monotonic() < deadline
+        time.sleep(0.2)
+
+
+def test_a_process_of_mlflow_that_dies_is_told_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    recorder = open_recorder(None, "romgrl", tmp_path, enabled=True)
+    job = recorder.start("job", tags={})
+    assert job.run_id is not None
+    recorder._process.kill()
+    run = recorder.start("stage", parent=job, tags={})
+    for step in range(3):
+        run.metrics({"m": 1.0}, step)
+    run.artifacts(tmp_path)
+    run.finish()
+    recorder.close()
+    assert run.run_id is None
+    assert capsys.readouterr().err == "warning: the process of MLflow ended; going on without\n"
+
+
+def test_jobs_of_a_sweep_share_a_process(tmp_path: Path) -> None:
+    one = open_recorder(None, "romgrl", tmp_path, enabled=True)
+    other = open_recorder(None, "romgrl", tmp_path, enabled=True)
+    assert one is other
+    other.close()
+    run = one.start("x", tags={})
+    run.finish()
+    one.close()
+    assert all_runs(tmp_path)[0].info.status == "FINISHED"
+    elsewhere = open_recorder(None, "romgrl", tmp_path, enabled=False)
+    assert elsewhere is not one
+    assert elsewhere.start("x", tags={}).run_id is None
+    elsewhere.close()

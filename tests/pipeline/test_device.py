@@ -1,0 +1,85 @@
+"""Networks, optimisers and replay buffer are made on the device of the configuration.
+
+Told by torch's `meta` device, whose tensors have no content: what is left on the CPU shows. What a GPU computes is not
+tested here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from romgrl.artifacts import save_arrays
+from romgrl.config import Config
+from romgrl.gait.windows import FrameWindows
+from romgrl.progress import SilentLog
+from romgrl.stages import student, teacher
+from romgrl.stages.walkers import humanoid_env
+
+
+class CpuGenerator(torch.Generator):
+    """A generator on the CPU, whatever the device asked for."""
+
+    def __new__(cls, device: str = "cpu") -> CpuGenerator:
+        return super().__new__(cls)
+
+
+@pytest.fixture
+def meta_config(smoke_config: Config, monkeypatch: pytest.MonkeyPatch) -> Config:
+    """A configuration with `device=meta`; random numbers, which that device cannot draw, come from the CPU."""
+    monkeypatch.setattr(torch, "Generator", CpuGenerator)
+    return replace(smoke_config, device="meta")
+
+
+def tensors(owner: Any, seen: set[int] | None = None) -> Iterator[tuple[str, torch.Tensor]]:
+    """Every tensor that an object of ours holds, in networks and in attributes, with a name."""
+    seen = set() if seen is None else seen
+    if id(owner) in seen:
+        return
+    seen.add(id(owner))
+    if isinstance(owner, torch.nn.Module):
+        yield from owner.named_parameters()
+        yield from owner.named_buffers()
+    members = owner if isinstance(owner, dict) else getattr(owner, "__dict__", {})
+    for name, member in members.items():
+        for part in member if isinstance(member, list | tuple) else [member]:
+            if isinstance(part, torch.Tensor):
+                yield name, part
+            elif isinstance(part, torch.nn.Module | dict) or type(part).__module__.startswith("romgrl"):
+                yield from ((f"{name}.{inner}", tensor) for inner, tensor in tensors(part, seen))
+
+
+def test_student(meta_config: Config, tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    features = rng.normal(size=(100, 5)).astype(np.float32)
+    save_arrays(tmp_path / "reference.npz", {"features": features, "episode": np.zeros(100, np.int32)})
+    env = humanoid_env(meta_config, num_envs=2)
+    columns = 6 if meta_config.discriminator.features == "trunk" else 5
+    windows = FrameWindows(num_envs=2, columns=columns, window=meta_config.discriminator.window)
+    observed = torch.arange(env.single_observation_space.shape[0])
+    learner = student.build_learner(meta_config, env, observed, windows, tmp_path)
+    found = dict(tensors(learner))
+    assert len(found) > 20
+    assert {name for name, tensor in found.items() if tensor.device.type != "meta"} == set()
+
+
+def test_teacher(meta_config: Config, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    made = []
+
+    def train(config: Config, env: Any, ppo: Any, log: Any, **others: Any) -> None:
+        made.append(ppo)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(teacher, "train", train)
+    monkeypatch.setattr(teacher, "save_policy", lambda path, ppo: None)
+    with pytest.raises(KeyboardInterrupt):
+        teacher.run(meta_config, {}, tmp_path, SilentLog())
+    found = dict(tensors(made[0]))
+    assert len(found) > 10
+    assert {name for name, tensor in found.items() if tensor.device.type != "meta"} == set()
