@@ -1,5 +1,6 @@
 // Python module romgrl.humanoid._core: observations of many planar humanoids from their joint angles.
 #include <cstdint>
+#include <cstring>
 #include <string>
 #include <utility>
 #include <vector>
@@ -12,9 +13,10 @@
 
 namespace py = pybind11;
 using romgrl::Body;
-using romgrl::kBodies;
 using romgrl::kObservation;
+using romgrl::kPosture;
 using romgrl::PlanarBodies;
+using romgrl::Posture;
 using romgrl::Vector;
 
 namespace {
@@ -49,19 +51,20 @@ T* writeable(py::array_t<T>& array, std::vector<py::ssize_t> shape, const char* 
 
 void observe(const PlanarBodies& bodies, const py::array_t<double>& qpos, const py::array_t<double>& qvel,
              const py::array_t<int, py::array::c_style>& columns, py::array_t<float> observation,
-             py::array_t<double> position) {
+             py::array_t<double> posture) {
     const py::ssize_t count = qpos.ndim() == 2 ? qpos.shape(0) : 0, width = columns.size();
     const int* column = columns.data();
     const Rows positions(qpos, count, bodies.joints(), "qpos"), velocities(qvel, count, bodies.joints(), "qvel");
     float* seen = writeable(observation, {count, width}, "observation");
-    double* origins = writeable(position, {count, kBodies, 3}, "position");
+    double* pose = writeable(posture, {count, kPosture}, "posture");
     for (py::ssize_t k = 0; k < width; ++k) {
         if (column[k] < 0 || column[k] >= kObservation) throw py::value_error("no such column of the observation");
     }
     py::gil_scoped_release release;
     float all[kObservation];
     for (py::ssize_t row = 0; row < count; ++row) {
-        bodies.observe(positions[row], velocities[row], all, origins + row * kBodies * 3);
+        const Posture taken = bodies.observe(positions[row], velocities[row], all);
+        std::memcpy(pose + row * kPosture, &taken, sizeof taken);
         for (py::ssize_t k = 0; k < width; ++k) *seen++ = all[column[k]];
     }
 }
@@ -78,10 +81,11 @@ PlanarBodies make(const std::vector<int>& parents, const std::vector<int>& joint
 }  // namespace
 
 PYBIND11_MODULE(_core, module) {
+    module.attr("POSTURE_SIZE") = kPosture;
     module.attr("NO_TIME") = reinterpret_cast<std::uintptr_t>(&no_time);
     py::class_<PlanarBodies>(module, "PlanarBodies")
         .def(py::init(&make), py::kw_only(), py::arg("parents"), py::arg("joints"), py::arg("offsets"),
              py::arg("x_axes"), py::arg("z_axes"), py::arg("rest"))
         .def("observe", &observe, py::arg("qpos").noconvert(), py::arg("qvel").noconvert(), py::arg("columns").noconvert(),
-             py::arg("observation").noconvert(), py::arg("position").noconvert());
+             py::arg("observation").noconvert(), py::arg("posture").noconvert());
 }

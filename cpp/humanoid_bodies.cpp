@@ -1,6 +1,8 @@
 #include "humanoid_bodies.hpp"
 
+#include <algorithm>
 #include <cmath>
+#include <limits>
 #include <stdexcept>
 #include <utility>
 
@@ -43,7 +45,16 @@ PlanarBodies::PlanarBodies(std::vector<Body> bodies, std::vector<double> rest)
     if (joints() < 2) throw std::invalid_argument("the first body must move along x and z");
 }
 
-void PlanarBodies::observe(const double* qpos, const double* qvel, float* observation, double* position) const {
+double PlanarBodies::fastest(const double* qpos, const double* qvel) const {
+    double largest = 0.0;
+    for (int i = 0; i < joints(); ++i) {
+        if (!std::isfinite(qpos[i]) || !std::isfinite(qvel[i])) return std::numeric_limits<double>::infinity();
+        largest = std::max(largest, std::abs(qvel[i]));
+    }
+    return largest;
+}
+
+Posture PlanarBodies::observe(const double* qpos, const double* qvel, float* observation) const {
     std::array<Motion, kBodies> motions;
     for (int i = 0; i < kBodies; ++i) {
         const Body& body = bodies_[i];
@@ -65,10 +76,9 @@ void PlanarBodies::observe(const double* qpos, const double* qvel, float* observ
             motion.rate += qvel[body.joint];
             motion.turn = {std::cos(motion.angle), std::sin(motion.angle)};
         }
-        for (int k = 0; k < 3; ++k) position[3 * i + k] = motion.position[k];
     }
 
-    const Motion& pelvis = motions[0];
+    const Motion& pelvis = motions[kPelvis];
     const double heading = pelvis.turn.apply(bodies_[0].z_axis)[0] < 0.0 ? -1.0 : 1.0;
     float* out = observation;
     *out++ = static_cast<float>(pelvis.position[2]);
@@ -83,6 +93,16 @@ void PlanarBodies::observe(const double* qpos, const double* qvel, float* observ
     }
     for (const Motion& motion : motions) out = put(out, motion.velocity, heading);
     for (const Motion& motion : motions) out = put(out, {0.0, motion.rate, 0.0}, heading);
+
+    const auto above = [&](int body, int axis) { return motions[body].position[axis] - pelvis.position[axis]; };
+    return {pelvis.position[2],
+            above(kLeftAnkle, 0),
+            above(kLeftAnkle, 2),
+            above(kRightAnkle, 0),
+            above(kRightAnkle, 2),
+            std::atan2(above(kNeck, 0), above(kNeck, 2)),
+            motions[kHead].position[2],
+            fastest(qpos, qvel)};
 }
 
 }  // namespace romgrl

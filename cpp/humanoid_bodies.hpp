@@ -13,6 +13,7 @@ using Vector = std::array<double, 3>;
 
 constexpr int kBodies = 24;
 constexpr int kObservation = 358;
+constexpr int kPelvis = 0, kLeftAnkle = 3, kRightAnkle = 7, kNeck = 12, kHead = 13;  // in SMPL's order
 constexpr int kRootX = 0, kRootZ = 1;  // columns of qpos and qvel
 
 struct Body {
@@ -22,6 +23,14 @@ struct Body {
     Vector x_axis, z_axis;  // local axes, all angles at rest
 };
 
+// Heights above the ground, ankles relative to the pelvis, the lean of the line from pelvis to neck (forward positive) and
+// the largest joint speed, infinite where a joint value is not finite.
+struct Posture {
+    double pelvis_height, left_forward, left_up, right_forward, right_up, trunk_lean, head_height, fastest;
+};
+constexpr int kPosture = 8;
+static_assert(sizeof(Posture) == kPosture * sizeof(double));
+
 class PlanarBodies {
   public:
     // rest: qpos of the pose in which offsets and axes were taken.
@@ -29,10 +38,12 @@ class PlanarBodies {
 
     int joints() const { return static_cast<int>(rest_.size()); }
 
-    // HumEnv's observation (kObservation) and the origins (kBodies x 3) of one state.
-    void observe(const double* qpos, const double* qvel, float* observation, double* position) const;
+    // Writes HumEnv's observation (kObservation) of one state and returns its posture.
+    Posture observe(const double* qpos, const double* qvel, float* observation) const;
 
   private:
+    double fastest(const double* qpos, const double* qvel) const;
+
     std::vector<Body> bodies_;
     std::vector<double> rest_;
 };

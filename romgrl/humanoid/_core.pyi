@@ -6,6 +6,8 @@ from numpy.typing import NDArray
 NO_TIME: int
 """Address of a C function without arguments that returns 0.0."""
 
+POSTURE_SIZE: int
+
 class PlanarBodies:
     def __init__(
         self,
@@ -23,5 +25,5 @@ class PlanarBodies:
         qvel: NDArray[np.float64],
         columns: NDArray[np.int32],
         observation: NDArray[np.float32],
-        position: NDArray[np.float64],
+        posture: NDArray[np.float64],
     ) -> None: ...

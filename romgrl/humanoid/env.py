@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from romgrl.humanoid import task
 from romgrl.humanoid.model import CONTROL_FREQUENCY, build, dimensions, set_up_mujoco
 from romgrl.humanoid.observation import OBSERVATION_SIZE, varying_columns
-from romgrl.humanoid.observer import PlanarObserver
+from romgrl.humanoid.observer import GAIT_FEATURES, TRUNK_LEAN, PlanarObserver
 from romgrl.humanoid.rendering import SideCamera
 from romgrl.humanoid.reset import build_bank
 from romgrl.humanoid.skeleton import HINGES, mirror_action, mirror_observation
@@ -70,8 +70,8 @@ class PlanarHumanoidEnv(gym.Env[Float32, Float32]):
         if seed is not None:
             self._generator = np.random.default_rng(seed)
         self._restart()
-        observation, position = self._observe()
-        return observation, _info(position, float(self._data.qvel[0]), diverged=False)
+        observation, posture = self._observe()
+        return observation, _info(posture, float(self._data.qvel[0]), diverged=False)
 
     def step(self, action: Float32) -> tuple[Float32, float, bool, bool, dict[str, Any]]:
         """Advance by one control step with `action` (21,) held; numbers beyond [-1, 1] are clipped."""
@@ -80,19 +80,17 @@ class PlanarHumanoidEnv(gym.Env[Float32, Float32]):
         before = self._data.qpos[0]
         mujoco.mj_step(self.model, self._data, nstep=self.substeps)
         self._elapsed += 1
-        diverged = self._has_diverged()
+        observation, posture = self._observe()
+        warnings = np.array([[warning.number for warning in self._data.warning]], dtype=np.int32)
+        diverged = bool(task.diverged(posture, warnings)[0])
         if diverged:
             self._restart()
+            observation, posture = self._observe()
         velocity = 0.0 if diverged else (self._data.qpos[0] - before) / self.control_step
         reward = 0.0 if diverged else float(np.float32(self.task.reward(np.array([velocity]))[0]))
-        observation, position = self._observe()
-        terminated = diverged or bool(self.task.fallen(position)[0])
+        terminated = diverged or bool(self.task.fallen(posture)[0])
         truncated = self._elapsed >= self.task.episode_steps and not terminated
-        return observation, reward, terminated, truncated, _info(position, velocity, diverged=diverged)
-
-    def _has_diverged(self) -> bool:
-        warnings = np.array([[warning.number for warning in self._data.warning]], dtype=np.int32)
-        return bool(task.diverged(self._data.qpos[None], self._data.qvel[None], warnings)[0])
+        return observation, reward, terminated, truncated, _info(posture, velocity, diverged=diverged)
 
     def _restart(self) -> None:
         mujoco.mj_resetData(self.model, self._data)
@@ -101,9 +99,9 @@ class PlanarHumanoidEnv(gym.Env[Float32, Float32]):
         self._elapsed = 0
 
     def _observe(self) -> tuple[Float32, NDArray[np.float64]]:
-        """Observation (358,) and origins of the bodies (1, 24, 3)."""
-        observation, position = self._observer(self._data.qpos[None], self._data.qvel[None])
-        return observation[0], position
+        """Observation (358,) and posture (1, 8)."""
+        observation, posture = self._observer(self._data.qpos[None], self._data.qvel[None])
+        return observation[0], posture
 
     def state(self) -> NDArray[np.float64]:
         """Physics state (48,): qpos and qvel."""
@@ -124,10 +122,10 @@ class PlanarHumanoidEnv(gym.Env[Float32, Float32]):
             self._camera = None
 
 
-def _info(position: NDArray[np.float64], velocity: float, *, diverged: bool) -> dict[str, Any]:
+def _info(posture: NDArray[np.float64], velocity: float, *, diverged: bool) -> dict[str, Any]:
     return {
-        "features": task.gait_features(position)[0].astype(np.float32),
+        "features": posture[0, GAIT_FEATURES].astype(np.float32),
         "forward_velocity": np.float32(velocity),
-        "trunk_lean": task.trunk_lean(position)[0].astype(np.float32),
+        "trunk_lean": np.float32(posture[0, TRUNK_LEAN]),
         "diverged": diverged,
     }

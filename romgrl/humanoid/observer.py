@@ -8,7 +8,11 @@ from numpy.typing import NDArray
 
 from romgrl.humanoid import _core
 from romgrl.humanoid.model import body_ids
-from romgrl.humanoid.observation import NUM_BODIES, OBSERVATION_SIZE
+from romgrl.humanoid.observation import OBSERVATION_SIZE
+
+GAIT_FEATURES = slice(0, 5)
+PELVIS_HEIGHT, TRUNK_LEAN, HEAD_HEIGHT, FASTEST = 0, 5, 6, 7
+"""Columns of a posture."""
 
 
 class PlanarObserver:
@@ -29,11 +33,17 @@ class PlanarObserver:
     def __call__(
         self, qpos: NDArray[np.float64], qvel: NDArray[np.float64]
     ) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
-        """Observations (N, columns) and origins of the 24 bodies (N, 24, 3), m, of states (N, 24) and (N, 24)."""
+        """Observations (N, columns) and postures (N, 8) of states (N, 24) and (N, 24).
+
+        Columns of a posture: the five gait features (pelvis height, then left and right ankle relative to the pelvis,
+        forward and up), m; TRUNK_LEAN, the angle of the line from pelvis to neck with the vertical, rad, forward
+        positive; HEAD_HEIGHT, m; FASTEST, the largest joint speed, rad/s or m/s, infinite for a state that is not
+        finite.
+        """
         observation = np.empty((len(qpos), len(self.columns)), np.float32)
-        position = np.empty((len(qpos), NUM_BODIES, 3))
-        self._bodies.observe(qpos, qvel, self.columns, observation, position)
-        return observation, position
+        posture = np.empty((len(qpos), _core.POSTURE_SIZE))
+        self._bodies.observe(qpos, qvel, self.columns, observation, posture)
+        return observation, posture
 
 
 def planar_bodies(model: mujoco.MjModel) -> _core.PlanarBodies:

@@ -1,4 +1,7 @@
-"""Reward, terminations and gait features of the planar humanoid: functions on arrays, one row per humanoid."""
+"""Reward and terminations of the planar humanoid: functions on arrays, one row per humanoid.
+
+A posture (N, 8) is what `romgrl.humanoid.observer.PlanarObserver` returns beside the observation.
+"""
 
 from __future__ import annotations
 
@@ -11,13 +14,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from romgrl.humanoid.model import CONTROL_FREQUENCY, dimensions
-from romgrl.humanoid.skeleton import BODIES
+from romgrl.humanoid.observer import FASTEST, HEAD_HEIGHT, PELVIS_HEIGHT, TRUNK_LEAN
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
-
-PELVIS, HEAD, NECK = (BODIES.index(name) for name in ("Pelvis", "Head", "Neck"))
-ANKLES = tuple(BODIES.index(name) for name in ("L_Ankle", "R_Ankle"))
 
 VELOCITY_LIMIT = 200.0
 """A joint speed (rad/s or m/s) that no body reaches: the simulation has diverged."""
@@ -28,37 +28,19 @@ def speed_reward(forward_velocity: Array, *, speed: float, alpha: float) -> Arra
     return np.exp(-alpha * np.abs(forward_velocity - speed))
 
 
-def gait_features(position: Array) -> Array:
-    """Pelvis height, then left and right ankle relative to the pelvis, forward and up (N, 5), m, from (N, 24, 3)."""
-    features = np.empty((len(position), 5))
-    features[:, 0] = position[:, PELVIS, 2]
-    for column, ankle in zip((1, 3), ANKLES, strict=True):
-        features[:, column] = position[:, ankle, 0] - position[:, PELVIS, 0]
-        features[:, column + 1] = position[:, ankle, 2] - position[:, PELVIS, 2]
-    return features
+def fallen(posture: Array, *, pelvis_height: float, head_height: float, lean: float) -> Flags:
+    """Pelvis or head too low (heights in m) or trunk leaning too far (rad), (N,)."""
+    low = (posture[:, PELVIS_HEIGHT] < pelvis_height) | (posture[:, HEAD_HEIGHT] < head_height)
+    return low | (np.abs(posture[:, TRUNK_LEAN]) > lean)
 
 
-def trunk_lean(position: Array) -> Array:
-    """Angle of the line from pelvis to neck with the vertical (N,), rad, forward positive, from (N, 24, 3)."""
-    line = position[:, NECK] - position[:, PELVIS]
-    return np.arctan2(line[:, 0], line[:, 2])
-
-
-def fallen(position: Array, *, pelvis_height: float, head_height: float, lean: float) -> Flags:
-    """Pelvis or head too low (heights in m) or trunk leaning too far (rad), (N,), from (N, 24, 3)."""
-    low = (position[:, PELVIS, 2] < pelvis_height) | (position[:, HEAD, 2] < head_height)
-    return low | (np.abs(trunk_lean(position)) > lean)
-
-
-def diverged(qpos: Array, qvel: Array, warnings: NDArray[np.int32]) -> Flags:
+def diverged(posture: Array, warnings: NDArray[np.int32]) -> Flags:
     """Numbers that are not finite, speeds that no body reaches, or physics warnings (N, kinds), (N,).
 
     MuJoCo puts a simulation whose numbers are bad back to its default state, so the warning is what tells.
     """
-    finite = np.isfinite(qpos).all(axis=1)
-    possible = (np.abs(qvel) <= VELOCITY_LIMIT).all(axis=1)  # false for NaN
-    warned: Flags = np.any(warnings > 0, axis=1)
-    return ~(finite & possible) | warned
+    warned: Flags = np.any(warnings, axis=1)
+    return warned | (posture[:, FASTEST] > VELOCITY_LIMIT)
 
 
 class SpeedSettings(TypedDict, total=False):
@@ -140,9 +122,9 @@ class SpeedTask:
         """`speed_reward` at this speed, (N,)."""
         return speed_reward(forward_velocity, speed=self.speed, alpha=self.alpha)
 
-    def fallen(self, position: Array) -> Flags:
-        """`fallen` with this task's limits, (N,), from (N, 24, 3)."""
-        return fallen(position, pelvis_height=self.pelvis_height, head_height=self.head_height, lean=self.lean)
+    def fallen(self, posture: Array) -> Flags:
+        """`fallen` with this task's limits, (N,)."""
+        return fallen(posture, pelvis_height=self.pelvis_height, head_height=self.head_height, lean=self.lean)
 
     def draw_speed(self, generator: np.random.Generator, count: int) -> Array:
         """Forward speeds at reset (count,), m/s."""

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from romgrl.humanoid import task
 from romgrl.humanoid.model import CONTROL_FREQUENCY, build, dimensions, set_up_mujoco
 from romgrl.humanoid.observation import varying_columns
-from romgrl.humanoid.observer import PlanarObserver
+from romgrl.humanoid.observer import GAIT_FEATURES, TRUNK_LEAN, PlanarObserver
 from romgrl.humanoid.rendering import SideCamera
 from romgrl.humanoid.reset import build_bank
 from romgrl.humanoid.skeleton import HINGES, mirror_action, mirror_observation
@@ -92,10 +92,10 @@ class PlanarHumanoidVectorEnv(VectorEnv[Float32, Float32, Any]):
         if seed is not None:
             self._generator = np.random.default_rng(seed)
         self._restart(np.arange(self.num_envs))
-        observation, position = self._observer(self._qpos, self._qvel)
+        observation, posture = self._observer(self._qpos, self._qvel)
         nothing = np.zeros(self.num_envs, dtype=np.bool_)
-        info = _before_reset(observation.copy(), position, self._qvel[:, 0], nothing)
-        return observation, _after_reset(info, position, np.arange(0))
+        info = _before_reset(observation.copy(), posture, self._qvel[:, 0], nothing)
+        return observation, _after_reset(info, posture, np.arange(0))
 
     def step(self, actions: Float32) -> Step:
         """Advance by one control step with `actions` (N, 21) in [-1, 1] held; larger ones are clipped."""
@@ -104,26 +104,25 @@ class PlanarHumanoidVectorEnv(VectorEnv[Float32, Float32, Any]):
         before = self._qpos[:, 0].copy()
         self._batch.step(nstep=self.substeps)
         self._elapsed += 1
-        diverged = self._recover_diverged()
-        velocity = np.where(diverged, 0.0, (self._qpos[:, 0] - before) / self.control_step)
-        reward = np.where(diverged, 0.0, self.task.reward(velocity)).astype(np.float32)
-        observation, position = self._observer(self._qpos, self._qvel)
-        terminated = diverged | self.task.fallen(position)
-        truncated = (self._elapsed >= self.task.episode_steps) & ~terminated
-        info = _before_reset(observation.copy(), position, velocity, diverged)
-        rows = np.flatnonzero(terminated | truncated)
-        if len(rows):
-            self._restart(rows)
-            observation[rows], position[rows] = self._observer(self._qpos[rows], self._qvel[rows])
-        return observation, reward, terminated, truncated, _after_reset(info, position, rows)
-
-    def _recover_diverged(self) -> NDArray[np.bool_]:
-        """Flag diverged rows and put them into a finite state, so that what they report is finite."""
-        diverged = task.diverged(self._qpos, self._qvel, self._warnings)
+        observation, posture = self._observer(self._qpos, self._qvel)
+        diverged = task.diverged(posture, self._warnings)
         if diverged.any():
             self.diverged_count += int(diverged.sum())
-            self._restart(np.flatnonzero(diverged))
-        return diverged
+            self._replace(np.flatnonzero(diverged), observation, posture)
+        velocity = np.where(diverged, 0.0, (self._qpos[:, 0] - before) / self.control_step)
+        reward = np.where(diverged, 0.0, self.task.reward(velocity)).astype(np.float32)
+        terminated = diverged | self.task.fallen(posture)
+        truncated = (self._elapsed >= self.task.episode_steps) & ~terminated
+        info = _before_reset(observation.copy(), posture, velocity, diverged)
+        rows = np.flatnonzero(terminated | truncated)
+        if len(rows):
+            self._replace(rows, observation, posture)
+        return observation, reward, terminated, truncated, _after_reset(info, posture, rows)
+
+    def _replace(self, rows: Rows, observation: Float32, posture: NDArray[np.float64]) -> None:
+        """Start `rows` anew and write what is then seen into their rows of the arrays."""
+        self._restart(rows)
+        observation[rows], posture[rows] = self._observer(self._qpos[rows], self._qvel[rows])
 
     def _restart(self, rows: Rows) -> None:
         """Draw new states for `rows`."""
@@ -165,21 +164,20 @@ class PlanarHumanoidVectorEnv(VectorEnv[Float32, Float32, Any]):
 
 
 def _before_reset(
-    final: Float32, position: NDArray[np.float64], velocity: NDArray[np.float64], diverged: NDArray[np.bool_]
+    final: Float32, posture: NDArray[np.float64], velocity: NDArray[np.float64], diverged: NDArray[np.bool_]
 ) -> dict[str, Any]:
     """What `info` says of the states before an autoreset."""
     return {
         "final_obs": final,
-        "features": task.gait_features(position).astype(np.float32),
+        "features": posture[:, GAIT_FEATURES].astype(np.float32),
         "forward_velocity": velocity.astype(np.float32),
-        "trunk_lean": task.trunk_lean(position).astype(np.float32),
+        "trunk_lean": posture[:, TRUNK_LEAN].astype(np.float32),
         "diverged": diverged,
     }
 
 
-def _after_reset(info: dict[str, Any], position: NDArray[np.float64], rows: Rows) -> dict[str, Any]:
+def _after_reset(info: dict[str, Any], posture: NDArray[np.float64], rows: Rows) -> dict[str, Any]:
     """Add what belongs to the states after an autoreset of `rows`."""
     features, lean = info["features"].copy(), info["trunk_lean"].copy()
-    if len(rows):
-        features[rows], lean[rows] = task.gait_features(position[rows]), task.trunk_lean(position[rows])
+    features[rows], lean[rows] = posture[rows, GAIT_FEATURES], posture[rows, TRUNK_LEAN]
     return info | {"reset_features": features, "reset_trunk_lean": lean}

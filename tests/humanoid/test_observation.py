@@ -9,9 +9,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from romgrl.humanoid.model import build
+from romgrl.humanoid.model import build, dimensions
 from romgrl.humanoid.observation import OBSERVATION_SIZE, observe, varying_columns
-from romgrl.humanoid.observer import PlanarObserver
+from romgrl.humanoid.observer import FASTEST, GAIT_FEATURES, TRUNK_LEAN, PlanarObserver
 from romgrl.humanoid.skeleton import BODIES, mirror_action, mirror_joints, mirror_observation
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 from tests.humanoid.files import humenv_cases, humenv_xml
@@ -98,22 +98,48 @@ def test_planar_observer_equals_observe(make: Callable[[], mujoco.MjModel]) -> N
     """Upside down and facing backward too, to float32 rounding."""
     model, generator = make(), np.random.default_rng(0)
     qpos, qvel = generator.uniform(-3, 3, (200, 24)), generator.normal(0, 5, (200, 24))
-    seen, position = PlanarObserver(model)(qpos, qvel)
+    seen, _ = PlanarObserver(model)(qpos, qvel)
     assert (np.cos(qpos[:, 2]) < 0).any()
     for row in range(200):
         data = planar_data(model, qpos[row], qvel[row])
         assert seen[row] == pytest.approx(observe(model, data), rel=2e-7, abs=1e-12)
-        assert position[row] == pytest.approx(data.xpos[1:], abs=1e-12)
+
+
+@pytest.mark.parametrize("make", humanoids())
+def test_postures_are_mujocos(make: Callable[[], mujoco.MjModel]) -> None:
+    model, generator = make(), np.random.default_rng(0)
+    qpos, qvel = generator.uniform(-1, 1, (50, 24)), generator.normal(0, 5, (50, 24))
+    _, postures = PlanarObserver(model)(qpos, qvel)
+    for row, posture in enumerate(postures):
+        data = planar_data(model, qpos[row], qvel[row])
+        pelvis, left, right, neck = (data.body(name).xpos for name in ("Pelvis", "L_Ankle", "R_Ankle", "Neck"))
+        features = [pelvis[2], *(left - pelvis)[[0, 2]], *(right - pelvis)[[0, 2]]]
+        lean = np.arctan2((neck - pelvis)[0], (neck - pelvis)[2])
+        fastest = np.abs(qvel[row]).max()
+        assert posture == pytest.approx([*features, lean, data.body("Head").xpos[2], fastest], abs=1e-12)
+
+
+def test_posture_by_hand() -> None:
+    """The whole body, standing, pitches forward by 0.3 rad about a pelvis at height 1."""
+    model = build()
+    qpos, qvel = np.zeros((3, 24)), np.zeros((3, 24))
+    qpos[:, :3], qvel[0, 7] = (5.0, 1.0, 0.3), -4.0
+    qpos[1, 9], qvel[2, 9] = np.nan, np.inf
+    _, posture = PlanarObserver(model)(qpos, qvel)
+    leg = dimensions(model).leg_length
+    assert posture[0, GAIT_FEATURES] == pytest.approx([1.0, *2 * (-leg * np.sin(0.3), -leg * np.cos(0.3))])
+    assert posture[0, TRUNK_LEAN] == pytest.approx(0.3)
+    assert posture[:, FASTEST].tolist() == [4.0, np.inf, np.inf]
 
 
 def test_planar_observer_reads_rows_of_a_larger_array() -> None:
     model, states = build(), np.random.default_rng(0).uniform(-1, 1, (6, 100))
     columns = varying_columns(model)
     qpos, qvel = states[:, 3:27], states[:, 40:64]
-    whole, position = PlanarObserver(model)(qpos, qvel)
-    some, origins = PlanarObserver(model, columns)(qpos[2:4].copy(), qvel[2:4].copy())
+    whole, postures = PlanarObserver(model)(qpos, qvel)
+    some, posture = PlanarObserver(model, columns)(qpos[2:4].copy(), qvel[2:4].copy())
     assert np.array_equal(some, whole[2:4][:, columns])
-    assert np.array_equal(origins, position[2:4])
+    assert np.array_equal(posture, postures[2:4])
 
 
 def test_planar_observer_rejects_wrong_shapes() -> None:

@@ -12,6 +12,7 @@ import pytest
 
 from romgrl.humanoid import task
 from romgrl.humanoid.model import build, lowest_point
+from romgrl.humanoid.observer import HEAD_HEIGHT, PELVIS_HEIGHT, TRUNK_LEAN
 from romgrl.humanoid.reset import build_bank
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 
@@ -139,21 +140,11 @@ def test_resets_do_not_fall_at_once() -> None:
 
 
 def test_terminations_by_hand() -> None:
-    position = np.zeros((4, 24, 3))
-    position[:, task.PELVIS, 2] = (1.0, 0.5, 1.0, 1.0)
-    position[:, task.NECK, 2], position[:, task.HEAD, 2] = 1.5, (1.6, 1.6, 0.9, 1.6)
-    position[3, task.NECK, 0] = 0.5  # 45 degrees
-    assert task.trunk_lean(position)[3] == pytest.approx(np.pi / 4)
-    assert task.fallen(position, pelvis_height=0.6, head_height=1.0, lean=0.7).tolist() == [False, True, True, True]
-    assert task.fallen(position, pelvis_height=0.4, head_height=0.8, lean=0.8).tolist() == [False] * 4
-
-
-def test_features_by_hand() -> None:
-    position = np.zeros((1, 24, 3))
-    position[0, task.PELVIS] = (2.0, 0.0, 0.9)
-    position[0, task.ANKLES[0]] = (2.3, 0.1, 0.1)
-    position[0, task.ANKLES[1]] = (1.8, -0.1, 0.4)
-    assert task.gait_features(position)[0] == pytest.approx([0.9, 0.3, -0.8, -0.2, -0.5])
+    posture = np.zeros((4, 8))
+    posture[:, PELVIS_HEIGHT], posture[:, HEAD_HEIGHT] = (1.0, 0.5, 1.0, 1.0), (1.6, 1.6, 0.9, 1.6)
+    posture[3, TRUNK_LEAN] = -np.pi / 4
+    assert task.fallen(posture, pelvis_height=0.6, head_height=1.0, lean=0.7).tolist() == [False, True, True, True]
+    assert task.fallen(posture, pelvis_height=0.4, head_height=0.8, lean=0.8).tolist() == [False] * 4
 
 
 def test_reward_by_hand() -> None:
