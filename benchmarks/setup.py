@@ -62,9 +62,9 @@ class Student:
         """Random actions until the replay buffer has what learning starts with."""
         self.train(total_steps=self.config.student.learning_starts)
 
-    def updates(self, count: int) -> Callable[[], object]:
-        """`count` updates, drawn and done as in the stage, at most 30 in one call."""
-        return lambda: [self.learner.update(min(30, count - done)) for done in range(0, count, 30)]
+    def updates(self, count: int, at_once: int = 30) -> Callable[[], object]:
+        """`count` updates as the stage draws and does them, `at_once` in a call."""
+        return lambda: [self.learner.update(min(at_once, count - done)) for done in range(0, count, at_once)]
 
 
 def in_student_stage(measure: Callable[[Student], T], config: Config, reference: Path | None = None) -> T:

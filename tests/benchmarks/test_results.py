@@ -9,9 +9,12 @@ from typing import Any
 import pytest
 
 from benchmarks import __main__ as command
-from benchmarks import results
+from benchmarks import plots, results
 from benchmarks.measure import Options, Result, Unavailable, compare, reached
+from benchmarks.peers import Peer
 from benchmarks.rows import ROWS, Row
+
+ROOT = Path(__file__).resolve().parents[2]
 
 MACHINE = {"processor": "p", "cores": 2, "system": "Linux", "versions": {"torch": "2"}, "revision": "abc"}
 
@@ -101,3 +104,34 @@ def test_a_row_that_fails_says_so_and_does_not_stop_the_rest(
     printed = capsys.readouterr().out.replace("}\n{", "}\0{").split("\0")
     statuses = [(each["status"], each.get("reason")) for each in map(json.loads, printed)]
     assert statuses == [("failed", "RuntimeError: it broke"), ("skipped", "no GPU"), ("measured", None)]
+
+
+def test_plots_are_drawn_from_the_series(tmp_path: Path) -> None:
+    environments = [{"x": 1, "y": 10.0}, {"x": 4, "y": 30.0}]
+    sizes = [{"x": 64, "width": 128, "y": 90.0}, {"x": 256, "width": 128, "y": 40.0}]
+    stages = [{"x": 1, "teacher": 3.0, "student": 5.0}, {"x": 2, "teacher": 2.0, "student": 3.0}]
+    rows = [
+        row(name, settings={"series": series})
+        for name, series in (
+            ("scaling_rom", environments),
+            ("scaling_humanoids", environments),
+            ("scaling_updates", sizes),
+            ("scaling_threads", stages),
+        )
+    ]
+    names = [path.name for path in plots.draw(rows, tmp_path)]
+    assert names == ["scaling_environments.png", "scaling_training.png"]
+    assert all((tmp_path / name).stat().st_size > 10_000 for name in names)
+    assert plots.draw(rows[:1], tmp_path) == []
+
+
+def test_gpu_row_is_skipped_with_a_reason(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("torch.cuda.is_available", lambda: False)
+    measured = command.measure("student_cuda", Options(threads=1, quick=True))
+    assert (measured["status"], measured["reason"].split(" (")[0]) == ("skipped", "no GPU is at hand")
+
+
+def test_a_peer_without_its_environment_is_skipped(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("benchmarks.peers.ENVIRONMENTS", ROOT / "benchmarks" / ".no-peers")
+    with pytest.raises(Unavailable, match=r"make benchmarks/\.no-peers/rl/\.built"):
+        Peer("rl", "sb3_sac.py", threads=1)

@@ -1,0 +1,147 @@
+"""The reduced-order model: through Python beside a bare loop, threads, and the physics of each engine."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import fields
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.measure import Options, Result, Unavailable, compare, rate
+from benchmarks.setup import configuration
+from romgrl.rom.parameters import SpringLegParameters
+from romgrl.rom.vector_env import SpringLegVectorEnv
+
+WORLDS, STEPS = 64, 600
+BEFORE = 20_000.0  # control steps/s/core before any of this was measured: the middle of 17-23 k
+FULL_SPEED = 1e6  # control steps/s/core that an engine of our own aims at
+
+
+def make(threads: int, worlds: int = WORLDS, **parameters: Any) -> SpringLegVectorEnv:
+    """Worlds of the default model, at their start; Unavailable for a parameter that the model does not have."""
+    absent = set(parameters) - {entry.name for entry in fields(SpringLegParameters)}
+    if absent:
+        raise Unavailable(f"the reduced-order model has no {', '.join(absent)}")
+    env = SpringLegVectorEnv(parameters=SpringLegParameters(**parameters), num_envs=worlds, num_threads=threads)
+    env.reset(seed=0)
+    return env
+
+
+def held_actions(worlds: int = WORLDS) -> NDArray[np.float32]:
+    """One random action per world; under it worlds run, fall and start anew."""
+    return np.random.default_rng(0).uniform(-1, 1, (worlds, 2)).astype(np.float32)
+
+
+def through_python(env: SpringLegVectorEnv, steps: int) -> Callable[[], object]:
+    """`steps` control steps of all worlds."""
+    action = held_actions(env.num_envs)
+    return lambda: [env.step(action) for _ in range(steps)]
+
+
+def bare_loop(env: SpringLegVectorEnv, steps: int) -> Callable[[], object]:
+    """The same steps in C++ alone, by the core's `repeat`; a core without it is called directly."""
+    batch = env._batch
+    seen: list[tuple[Any, ...]] = []
+
+    def step(*arguments: Any) -> None:
+        seen.append(arguments)
+        batch.step(*arguments)
+
+    env._batch = SimpleNamespace(step=step)  # type: ignore[assignment]
+    env.step(held_actions(env.num_envs))
+    env._batch = batch
+    if hasattr(batch, "repeat"):
+        return lambda: batch.repeat(*seen[0], steps)
+
+    def loop() -> None:
+        for _ in range(steps):
+            batch.step(*seen[0])
+
+    return loop
+
+
+def settings(env: SpringLegVectorEnv, threads: int) -> dict[str, Any]:
+    """What the rows have in common."""
+    p = env.parameters
+    solver = {"substeps": p.substeps, "iterations": [p.velocity_iterations, p.position_iterations]}
+    engine = {"engine": getattr(p, "engine", "box2d")}
+    return {"worlds": env.num_envs, "threads": threads, **engine, **solver, "actions": "one random action held"}
+
+
+def python_overhead(options: Options, threads: int) -> Result:
+    """Steps per second through Python beside the same number of the same steps in C++."""
+    steps = options.scaled(STEPS)
+    ours, bare = make(threads), make(threads)
+    loop = "Batch.repeat" if hasattr(bare._batch, "repeat") else "Batch.step called from Python"
+    return compare(
+        rate(through_python(ours, steps), steps * WORLDS),
+        rate(bare_loop(bare, steps), steps * WORLDS),
+        unit="control steps/s",
+        target=">= 0.95",
+        settings={**settings(ours, threads), "bare loop": loop},
+        repeats=options.repeats,
+    )
+
+
+def overhead_one_thread(options: Options) -> Result:
+    """On one thread."""
+    return python_overhead(options, 1)
+
+
+def overhead_two_threads(options: Options) -> Result:
+    """On two threads."""
+    return python_overhead(options, 2)
+
+
+def two_threads(options: Options) -> Result:
+    """Two threads beside one."""
+    if options.threads < 2:
+        raise Unavailable("two threads are compared with one, and --threads allows one")
+    steps = options.scaled(STEPS)
+    one, two = make(1), make(2)
+    return compare(
+        rate(through_python(two, steps), steps * WORLDS),
+        rate(through_python(one, steps), steps * WORLDS),
+        unit="control steps/s",
+        target=">= 1.85",
+        settings={**settings(two, 2), "reference": "one thread"},
+        repeats=options.repeats,
+    )
+
+
+def physics(options: Options, reference: float, target: str, **parameters: Any) -> Result:
+    """Steps per second of one core, without Python between them, beside a fixed number."""
+    steps, env = options.scaled(STEPS), make(1, **parameters)
+    return compare(
+        rate(bare_loop(env, steps), steps * WORLDS),
+        lambda: reference,
+        unit="control steps/s/core",
+        target=target,
+        settings={**settings(env, 1), "reference": f"{reference:,.0f}"},
+        repeats=options.repeats,
+    )
+
+
+def box2d(options: Options) -> Result:
+    """Box2D beside what it did before any of this."""
+    named = {"engine": "box2d"} if has_engines() else {}
+    return physics(options, BEFORE, ">= 3", **named)
+
+
+def native(options: Options) -> Result:
+    """The engine of our own beside its aim."""
+    return physics(options, FULL_SPEED, ">= 1", engine="native")
+
+
+def has_engines() -> bool:
+    """Whether the model lets one choose its engine."""
+    return "engine" in {entry.name for entry in fields(SpringLegParameters)}
+
+
+def default_engine(threads: int) -> dict[str, Any]:
+    """Engine of the default configuration."""
+    rom = configuration(threads=threads).rom
+    return {"engine": rom.engine} if hasattr(rom, "engine") else {}
