@@ -1,1 +1,8 @@
-"""Speed of physics and learners on this machine: `python -m benchmarks [NAME ...]`."""
+"""Speed of physics and learners on this machine, beside their peers: `python -m benchmarks [NAME ...]`."""
+
+import os
+
+USERS_ENVIRONMENT = dict(os.environ)
+"""What the peers are started with."""
+
+os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # as the project's own stages do, before torch is imported

@@ -12,7 +12,7 @@ from unittest.mock import patch
 import numpy as np
 from hydra import compose, initialize_config_dir
 
-from romgrl import pipeline
+from romgrl import pipeline, worker
 from romgrl.algorithms.rom_grl import RomGrl
 from romgrl.artifacts import save_arrays
 from romgrl.composition import CONF, register_schema, to_config
@@ -41,7 +41,7 @@ def configuration(*overrides: str, threads: int) -> Config:
     register_schema()
     with initialize_config_dir(str(CONF), version_base="1.3"):
         config = pipeline.resolve(to_config(compose("config", [*overrides, f"threads={threads}"])))
-    pipeline.prepare(config)
+    worker.prepare(config)
     return config
 
 

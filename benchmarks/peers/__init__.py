@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
-import os
 import subprocess
 import tempfile
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+from benchmarks import USERS_ENVIRONMENT
 from benchmarks.measure import Unavailable
 
 HERE = Path(__file__).resolve().parent
@@ -35,7 +35,7 @@ class Peer:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=self._errors,
-            env=os.environ | variables,
+            env=USERS_ENVIRONMENT | variables,
             cwd=tempfile.gettempdir(),
             text=True,
         )

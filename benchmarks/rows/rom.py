@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import fields
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -21,10 +19,7 @@ FULL_SPEED = 1e6  # control steps/s/core that an engine of our own aims at
 
 
 def make(threads: int, worlds: int = WORLDS, **parameters: Any) -> SpringLegVectorEnv:
-    """Worlds of the default model, at their start; Unavailable for a parameter that the model does not have."""
-    absent = set(parameters) - {entry.name for entry in fields(SpringLegParameters)}
-    if absent:
-        raise Unavailable(f"the reduced-order model has no {', '.join(absent)}")
+    """Worlds of the default model, at their start."""
     env = SpringLegVectorEnv(parameters=SpringLegParameters(**parameters), num_envs=worlds, num_threads=threads)
     env.reset(seed=0)
     return env
@@ -42,46 +37,34 @@ def through_python(env: SpringLegVectorEnv, steps: int) -> Callable[[], object]:
 
 
 def bare_loop(env: SpringLegVectorEnv, steps: int) -> Callable[[], object]:
-    """The same steps in C++ alone, by the core's `repeat`; a core without it is called directly."""
-    batch = env._batch
-    seen: list[tuple[Any, ...]] = []
-
-    def step(*arguments: Any) -> None:
-        seen.append(arguments)
-        batch.step(*arguments)
-
-    env._batch = SimpleNamespace(step=step)  # type: ignore[assignment]
-    env.step(held_actions(env.num_envs))
-    env._batch = batch
-    if hasattr(batch, "repeat"):
-        return lambda: batch.repeat(*seen[0], steps)
-
-    def loop() -> None:
-        for _ in range(steps):
-            batch.step(*seen[0])
-
-    return loop
+    """The same steps in C++ alone."""
+    action = held_actions(env.num_envs)
+    return lambda: env._batch.repeat(action, env._buffers, steps)
 
 
 def settings(env: SpringLegVectorEnv, threads: int) -> dict[str, Any]:
     """What the rows have in common."""
     p = env.parameters
     solver = {"substeps": p.substeps, "iterations": [p.velocity_iterations, p.position_iterations]}
-    engine = {"engine": getattr(p, "engine", "box2d")}
-    return {"worlds": env.num_envs, "threads": threads, **engine, **solver, "actions": "one random action held"}
+    return {
+        "worlds": env.num_envs,
+        "threads": threads,
+        "engine": p.engine,
+        **solver,
+        "actions": "one random action held",
+    }
 
 
 def python_overhead(options: Options, threads: int) -> Result:
     """Steps per second through Python beside the same number of the same steps in C++."""
-    steps = options.scaled(STEPS)
-    ours, bare = make(threads), make(threads)
-    loop = "Batch.repeat" if hasattr(bare._batch, "repeat") else "Batch.step called from Python"
+    steps, engine = options.scaled(STEPS), default_engine(threads)
+    ours, bare = make(threads, **engine), make(threads, **engine)
     return compare(
         rate(through_python(ours, steps), steps * WORLDS),
         rate(bare_loop(bare, steps), steps * WORLDS),
         unit="control steps/s",
         target=">= 0.95",
-        settings={**settings(ours, threads), "bare loop": loop},
+        settings={**settings(ours, threads), "reference": "Batch.repeat, the loop in C++"},
         repeats=options.repeats,
     )
 
@@ -101,7 +84,8 @@ def two_threads(options: Options) -> Result:
     if options.threads < 2:
         raise Unavailable("two threads are compared with one, and --threads allows one")
     steps = options.scaled(STEPS)
-    one, two = make(1), make(2)
+    engine = default_engine(2)
+    one, two = make(1, **engine), make(2, **engine)
     return compare(
         rate(through_python(two, steps), steps * WORLDS),
         rate(through_python(one, steps), steps * WORLDS),
@@ -114,7 +98,7 @@ def two_threads(options: Options) -> Result:
 
 def physics(options: Options, reference: float, target: str, **parameters: Any) -> Result:
     """Steps per second of one core, without Python between them, beside a fixed number."""
-    steps, env = options.scaled(STEPS), make(1, **parameters)
+    steps, env = options.scaled(round(STEPS * reference / BEFORE)), make(1, **parameters)
     return compare(
         rate(bare_loop(env, steps), steps * WORLDS),
         lambda: reference,
@@ -127,8 +111,7 @@ def physics(options: Options, reference: float, target: str, **parameters: Any) 
 
 def box2d(options: Options) -> Result:
     """Box2D beside what it did before any of this."""
-    named = {"engine": "box2d"} if has_engines() else {}
-    return physics(options, BEFORE, ">= 3", **named)
+    return physics(options, BEFORE, ">= 3", engine="box2d")
 
 
 def native(options: Options) -> Result:
@@ -136,12 +119,6 @@ def native(options: Options) -> Result:
     return physics(options, FULL_SPEED, ">= 1", engine="native")
 
 
-def has_engines() -> bool:
-    """Whether the model lets one choose its engine."""
-    return "engine" in {entry.name for entry in fields(SpringLegParameters)}
-
-
 def default_engine(threads: int) -> dict[str, Any]:
     """Engine of the default configuration."""
-    rom = configuration(threads=threads).rom
-    return {"engine": rom.engine} if hasattr(rom, "engine") else {}
+    return {"engine": configuration(threads=threads).rom.engine}

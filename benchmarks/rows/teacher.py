@@ -72,7 +72,7 @@ def beside_peer(options: Options, script: str, target: str, repeats: int, **more
             settings={
                 "both": same,
                 "threads": options.threads,
-                "engine": world.get("engine", "box2d"),
+                "engine": world["engine"],
                 "ours": "stage=teacher, teacher.mirror=false",
                 "peer": peer.settings,
                 "steps per round": steps,
