@@ -62,7 +62,7 @@ class Student:
         """Random actions until the replay buffer has what learning starts with."""
         self.train(total_steps=self.config.student.learning_starts)
 
-    def updates(self, count: int, at_once: int = 30) -> Callable[[], object]:
+    def updates(self, count: int, at_once: int = 3) -> Callable[[], object]:
         """`count` updates as the stage draws and does them, `at_once` in a call."""
         return lambda: [self.learner.update(min(at_once, count - done)) for done in range(0, count, at_once)]
 

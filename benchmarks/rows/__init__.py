@@ -29,6 +29,7 @@ ROWS: dict[str, Row] = {
     "humanoid_env": Row("humanoid env beside bare mj_step", humanoid.beside_physics),
     "humanoid_vs_gymnasium": Row("humanoid env per core beside one env in Python", humanoid.beside_one_env),
     "sac_vs_sb3": Row("SAC update beside Stable-Baselines3's", sac.against_sb3),
+    "sac_vs_sb3_all_columns": Row("the same with all columns, gradients in turn", sac.against_sb3_all_columns),
     "sac_vs_cleanrl": Row("SAC update beside CleanRL's", sac.against_cleanrl),
     "sac_flops_same_shapes": Row("SAC update: useful FLOPs beside sgemm at the same shapes", sac.flops_same_shapes),
     "sac_flops_square": Row("SAC update: useful FLOPs beside sgemm at a large square", sac.flops_square),

@@ -12,11 +12,13 @@ from benchmarks.setup import PLAIN_SAC, Student, configuration, in_student_stage
 SIZES: dict[str, Any] = {"observation": 358, "action": 21, "hidden": [256, 256], "batch": 256}
 TRANSITIONS, UPDATES = 10_000, 40
 OURS = "student=sac, policy_delay 1"
+OURS_TUNED = ("student.compact_observation=true", "student.simultaneous=true")
+"""As the default student does: constant columns stay out of the networks, both gradients are taken at once."""
 
 
-def against_peer(options: Options, environment: str, script: str) -> Result:
+def against_peer(options: Options, environment: str, script: str, *, tuned: bool = True) -> Result:
     """Updates per second, sampling included, in alternation with a peer."""
-    count = options.scaled(UPDATES)
+    count, keys = options.scaled(UPDATES), OURS_TUNED if tuned else ()
 
     def measure(student: Student) -> Result:
         student.fill()
@@ -27,16 +29,21 @@ def against_peer(options: Options, environment: str, script: str) -> Result:
                 peer.measure,
                 unit="updates/s",
                 target=">= 2",
-                settings={**SIZES, "threads": options.threads, "ours": OURS, "peer": peer.settings},
+                settings={**SIZES, "threads": options.threads, "ours": " ".join((OURS, *keys)), "peer": peer.settings},
                 repeats=options.repeats,
             )
 
-    return in_student_stage(measure, configuration(*PLAIN_SAC, threads=options.threads))
+    return in_student_stage(measure, configuration(*PLAIN_SAC, *keys, threads=options.threads))
 
 
 def against_sb3(options: Options) -> Result:
     """Stable-Baselines3's `SAC.train`."""
     return against_peer(options, "rl", "sb3_sac.py")
+
+
+def against_sb3_all_columns(options: Options) -> Result:
+    """The same with all 358 columns in our networks and the policy's gradient after the critics' step."""
+    return against_peer(options, "rl", "sb3_sac.py", tuned=False)
 
 
 def against_cleanrl(options: Options) -> Result:
