@@ -8,11 +8,17 @@ namespace romgrl {
 namespace {
 
 constexpr std::chrono::microseconds kPatience(20);
+constexpr int kLooks = 200;  // between two system calls
 
 template <typename Condition>
 void spin(const Condition& condition) {
     const auto end = std::chrono::steady_clock::now() + kPatience;
-    while (!condition() && std::chrono::steady_clock::now() < end) std::this_thread::yield();
+    do {
+        for (int look = 0; look < kLooks; ++look) {
+            if (condition()) return;
+        }
+        std::this_thread::yield();
+    } while (std::chrono::steady_clock::now() < end);
 }
 
 }  // namespace

@@ -96,18 +96,7 @@ class SpringLegVectorEnv(VectorEnv[Array, Array, Array]):
         self._hip_torque = np.zeros((n, 2), np.float32)
         self._diverged = np.zeros(n, np.bool_)
         self._travelled = np.zeros(n)  # m in this episode, for drawing
-        arrays = {
-            "observation": self._observation,
-            "reward": self._reward,
-            "terminated": self._terminated,
-            "truncated": self._truncated,
-            **self._info(),
-        }
-        arrays["final_observation"] = arrays.pop("final_obs")
-        self._buffers = _core.Buffers(self._batch, arrays)
-
-    def _info(self) -> dict[str, Any]:
-        return {
+        self._info = {
             "final_obs": self._final_observation,
             "features": self._features,
             "reset_features": self._reset_features,
@@ -117,6 +106,15 @@ class SpringLegVectorEnv(VectorEnv[Array, Array, Array]):
             "hip_torque": self._hip_torque,
             "diverged": self._diverged,
         }
+        arrays = {
+            **self._info,
+            "observation": self._observation,
+            "reward": self._reward,
+            "terminated": self._terminated,
+            "truncated": self._truncated,
+            "final_observation": self._final_observation,
+        }
+        self._buffers = _core.Buffers(self._batch, arrays)
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
@@ -129,7 +127,7 @@ class SpringLegVectorEnv(VectorEnv[Array, Array, Array]):
             self._batch.seed(int(self.np_random.integers(2**63)))
         self._batch.reset()
         self._observe()
-        return self._observation, self._info()
+        return self._observation, self._info.copy()
 
     def _observe(self) -> None:
         """Refresh the arrays from the worlds as they are, as after a reset."""
@@ -146,7 +144,7 @@ class SpringLegVectorEnv(VectorEnv[Array, Array, Array]):
         self._batch.step(np.ascontiguousarray(actions), self._buffers)
         if self.render_mode is not None:
             self._travelled += self._forward_velocity * self.dt
-        return self._observation, self._reward, self._terminated, self._truncated, self._info()
+        return self._observation, self._reward, self._terminated, self._truncated, self._info.copy()
 
     def save(self) -> NDArray[np.float64]:
         """State of all worlds, (N, S) float64: positions, velocities, motors, episode and random stream."""
@@ -156,13 +154,13 @@ class SpringLegVectorEnv(VectorEnv[Array, Array, Array]):
         """Go back to a state from `save`, bit for bit. Raises ValueError, and changes nothing, if it is none."""
         self._batch.restore(states)
         self._observe()
-        return self._observation, self._info()
+        return self._observation, self._info.copy()
 
     def place(self, world: int, pose: _core.Pose) -> tuple[Array, dict[str, Any]]:
         """Put one world into a pose at the start of an episode."""
         self._batch.place(world, pose)
         self._observe()
-        return self._observation, self._info()
+        return self._observation, self._info.copy()
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """One (360, 640, 3) image per world of the state before the autoreset, or None without a render mode."""
