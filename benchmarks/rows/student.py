@@ -73,18 +73,19 @@ def resident() -> int:
 
 
 def memory(options: Options) -> Result:
-    """Growth of the process while the stage's own loop fills the replay buffer, beside the observations alone."""
+    """Growth of the process from before the stage until its own loop has filled the buffer, beside observations alone."""
     if not Path("/proc/self/statm").exists():
         raise Unavailable("the memory of a process is read from /proc, which this system lacks")
     transitions = options.scaled(TRANSITIONS)
     keys = (f"student.buffer_size={transitions}", f"student.learning_starts={transitions}")
     config = configuration(*PLAIN_SAC, *keys, f"student.total_steps={transitions + 128}", threads=options.threads)
 
+    before = resident()
+
     def measure(student: Student) -> Result:
         student.env.reset(seed=0)
         space = student.env.action_space
         seen = itertools.cycle([student.env.step(space.sample()) for _ in range(64)])
-        before = resident()
         with patch.object(student.env, "step", lambda actions: next(seen)):
             student.train()
         gc.collect()
