@@ -73,7 +73,7 @@ def resident() -> int:
 
 
 def memory(options: Options) -> Result:
-    """Growth of the process from before the stage until its own loop has filled the buffer, beside observations alone."""
+    """Growth of the process from before the stage until its loop has filled the buffer, beside observations alone."""
     if not Path("/proc/self/statm").exists():
         raise Unavailable("the memory of a process is read from /proc, which this system lacks")
     transitions = options.scaled(TRANSITIONS)
