@@ -37,7 +37,8 @@ def draw(rows: Sequence[Row], directory: Path = IMAGES) -> list[Path]:
 def environments(axes: Axes, row: str, points: list[dict[str, float]]) -> None:
     """Steps per second against number of worlds or humanoids."""
     thing, color = ("worlds", style.TEACHER) if row == "scaling_rom" else ("humanoids", style.STUDENT)
-    axes.loglog([p["x"] for p in points], [p["y"] for p in points], "o-", color=color, base=10)
+    axes.semilogx([p["x"] for p in points], [p["y"] for p in points], "o-", color=color)
+    axes.set_ylim(bottom=0)
     style.dress(axes, title=f"{thing} stepped together", xlabel=f"number of {thing}", ylabel="control steps/s")
 
 
