@@ -27,8 +27,12 @@ def second_lane(wanted: bool) -> Iterator[Executor | None]:
 def start(
     lane: Executor | None, work: Callable[Arguments, Result], *arguments: Arguments.args, **named: Arguments.kwargs
 ) -> Callable[[], Result]:
-    """Begin `work` in the lane, in the order of the calls, or do it now where there is none; call for the result."""
+    """Begin `work` in the lane, in the order of the calls, or do it now where there is none; call for the result.
+
+    What the lane has not come to when its result is asked for is done by the caller, instead of waiting for it.
+    """
     if lane is None:
         result = work(*arguments, **named)
         return lambda: result
-    return lane.submit(work, *arguments, **named).result
+    future = lane.submit(work, *arguments, **named)
+    return lambda: work(*arguments, **named) if future.cancel() else future.result()

@@ -92,9 +92,10 @@ class SAC:
         next_noise, noise = self._noise(2, len(reward))
         due = self.updates % self.policy_delay == 0
         policy: Callable[[], Metrics] | None = None
+        following = start(self.lane, self.sample, batch.next_observation, next_noise, "next_policy")
         if due and self.simultaneous:
             policy = start(self.lane, self.policy_gradient, batch.observation, noise)
-        metrics = self.critic_gradient(batch, reward, next_noise)
+        metrics = self.critic_gradient(batch, reward, following)
         metrics |= policy() if policy is not None else {}
         self.critic_optimizer.step()
         if due and not self.simultaneous:
@@ -106,20 +107,21 @@ class SAC:
         self.updates += 1
         return metrics
 
-    def bellman_target(self, batch: Batch, reward: Tensor, noise: Tensor) -> Tensor:
-        """y = r + gamma (1 - terminated) (Q'(s', a') - alpha log pi(a'|s')), (B,)."""
-        following = self.sample(batch.next_observation, noise, "next_policy")
+    def bellman_target(self, batch: Batch, reward: Tensor, following: squashed_gaussian.Sample) -> Tensor:
+        """y = r + gamma (1 - terminated) (Q'(s', a') - alpha log pi(a'|s')), (B,), with a' from `following`."""
         inputs = torch.cat((batch.next_observation, following.action), -1)
         values = self.target.forward(inputs, self._tape("next_value", self.target, len(inputs))).squeeze(-1)
         value = values.amin(0) if self.critic_target == "minimum" else values.mean(0)
         soft_value = value - self.log_temperature.exp() * following.log_probability
         return reward + self.gamma * (1 - batch.terminated) * soft_value
 
-    def critic_gradient(self, batch: Batch, reward: Tensor, noise: Tensor) -> Metrics:
-        """Gradient of sum over the critics of mean (Q - y)^2."""
-        target = self.bellman_target(batch, reward, noise)
+    def critic_gradient(
+        self, batch: Batch, reward: Tensor, following: Callable[[], squashed_gaussian.Sample]
+    ) -> Metrics:
+        """Gradient of sum over the critics of mean (Q - y)^2; `following` gives the actions of the next states."""
         tape = self._tape("value", self.critic, len(reward))
         values = self.critic.forward(torch.cat((batch.observation, batch.action), -1), tape)
+        target = self.bellman_target(batch, reward, following())
         error = values - target.unsqueeze(-1)
         self.critic.backward(error * (2 / len(reward)), tape)
         return {"critic_loss": error.square().sum() / len(reward), "value": values.mean()}

@@ -83,8 +83,8 @@ def test_bellman_target(join: str, reduce: Callable[..., np.ndarray]) -> None:
     """y = r + gamma (1 - terminated) (Q' - alpha log pi), with networks evaluated in numpy."""
     sac = SAC(**{**SETTINGS, "critic_target": join})
     batch, reward, noise = make_batch(), torch.linspace(-1, 1, 16), torch.randn(16, 2)
-    target = sac.bellman_target(batch, reward, noise).numpy()
     drawn = sac.sample(batch.next_observation, noise, "test")
+    target = sac.bellman_target(batch, reward, drawn).numpy()
     values = critic_by_hand(sac.target, torch.cat((batch.next_observation, drawn.action), -1).numpy())
     soft = reduce(values, axis=0) - 0.2 * drawn.log_probability.numpy()
     expected = reward.numpy() + 0.9 * (1 - batch.terminated.numpy()) * soft
@@ -156,7 +156,8 @@ def test_gradients_of_an_update_equal_those_of_its_losses(join: str, layer_norm:
     noise, reward = torch.randn(16, 2), torch.linspace(-1, 1, 16)
     critic, policy = (network.flat.clone().requires_grad_() for network in (sac.critic, sac.policy))
     temperature = sac.log_temperature.detach().clone().requires_grad_()
-    target = sac.bellman_target(batch, reward, noise)
+    following = sac.sample(batch.next_observation, noise, "test")
+    target = sac.bellman_target(batch, reward, following)
     inputs = torch.cat((batch.observation, batch.action), -1)
     (forward_by_autograd(sac.critic, critic, inputs).squeeze(-1) - target).square().mean(1).sum().backward()
     drawn = draw(forward_by_autograd(sac.policy, policy, batch.observation)[0], noise)
@@ -166,7 +167,7 @@ def test_gradients_of_an_update_equal_those_of_its_losses(join: str, layer_norm:
     value = values.amin(0) if join == "minimum" else values.mean(0)
     (0.2 * drawn.log_probability - value).mean().backward()
     (temperature.exp() * (-drawn.log_probability.mean().detach() - sac.target_entropy)).sum().backward()
-    sac.critic_gradient(batch, reward, noise)
+    sac.critic_gradient(batch, reward, lambda: following)
     torch.testing.assert_close(sac.critic.gradient, critic.grad, rtol=1e-4, atol=1e-6)
     sac.policy_gradient(batch.observation, noise)
     torch.testing.assert_close(sac.policy.gradient, policy.grad, rtol=1e-4, atol=1e-6)
