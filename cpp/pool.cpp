@@ -7,25 +7,27 @@
 namespace romgrl {
 namespace {
 
-constexpr std::chrono::microseconds kPatience(20);
-constexpr int kLooks = 200;  // between two system calls
+constexpr std::chrono::microseconds kPatience(100);
+constexpr int kLooks = 1000;  // about a microsecond, between two system calls
 
+// True as soon as the condition holds, false if it does not for a while.
 template <typename Condition>
-void spin(const Condition& condition) {
+bool spin(const Condition& condition) {
     const auto end = std::chrono::steady_clock::now() + kPatience;
     do {
         for (int look = 0; look < kLooks; ++look) {
-            if (condition()) return;
+            if (condition()) return true;
         }
         std::this_thread::yield();
     } while (std::chrono::steady_clock::now() < end);
+    return false;
 }
 
 }  // namespace
 
-Pool::Pool(int threads) {
+Pool::Pool(int threads) : parts_(threads) {
     try {
-        for (int i = 1; i < threads; ++i) threads_.emplace_back([this] { serve(); });
+        for (int i = 1; i < threads; ++i) threads_.emplace_back([this, i] { serve(i); });
     } catch (const std::system_error&) {
         // The system has no more threads: those that started, and the caller, do the work.
     }
@@ -40,9 +42,13 @@ Pool::~Pool() {
     for (std::thread& thread : threads_) thread.join();
 }
 
-void Pool::take(const Work& work, int total, int chunk) {
-    for (int begin = next_.fetch_add(chunk); begin < total; begin = next_.fetch_add(chunk)) {
-        work(begin, std::min(begin + chunk, total));
+void Pool::take(int own) {
+    const int parts = static_cast<int>(parts_.size());
+    for (int i = 0; i < parts; ++i) {
+        Part& part = parts_[(own + i) % parts];
+        for (int begin = part.next.fetch_add(chunk_); begin < part.end; begin = part.next.fetch_add(chunk_)) {
+            (*work_)(begin, std::min(begin + chunk_, part.end));
+        }
     }
 }
 
@@ -51,40 +57,50 @@ void Pool::run(int total, const Work& work) {
         work(0, total);
         return;
     }
-    const int chunk = std::max(1, total / (8 * (static_cast<int>(threads_.size()) + 1)));
-    {
-        const std::lock_guard<std::mutex> lock(mutex_);
-        next_ = 0;
-        work_ = &work;
-        total_ = total;
-        chunk_ = chunk;
-        ++round_;
+    work_ = &work;
+    const int parts = static_cast<int>(parts_.size());
+    chunk_ = std::max(1, total / (8 * parts));
+    for (int i = 0; i < parts; ++i) {
+        parts_[i].next = static_cast<int>(static_cast<long>(total) * i / parts);
+        parts_[i].end = static_cast<int>(static_cast<long>(total) * (i + 1) / parts);
     }
-    start_.notify_all();
-    take(work, total, chunk);
-    spin([this] { return busy_ == 0; });
+    gate_ -= kClosed;
+    ++round_;
+    if (sleeping_ > 0) {
+        { const std::lock_guard<std::mutex> lock(mutex_); }
+        start_.notify_all();
+    }
+    take(0);
+    gate_ += kClosed;
+    const auto alone = [this] { return gate_ == kClosed; };
+    if (spin(alone)) return;
     std::unique_lock<std::mutex> lock(mutex_);
-    work_ = nullptr;  // a thread that wakes up only now finds nothing to do
-    finish_.wait(lock, [this] { return busy_ == 0; });
+    finish_.wait(lock, alone);
 }
 
-void Pool::serve() {
+void Pool::leave() {
+    if (--gate_ != kClosed) return;
+    { const std::lock_guard<std::mutex> lock(mutex_); }
+    finish_.notify_one();
+}
+
+bool Pool::wait_for_round(unsigned long seen) {
+    const auto called = [this, seen] { return closing_ || round_ != seen; };
+    if (!spin(called)) {
+        std::unique_lock<std::mutex> lock(mutex_);
+        ++sleeping_;
+        start_.wait(lock, called);
+        --sleeping_;
+    }
+    return !closing_;
+}
+
+void Pool::serve(int own) {
     unsigned long seen = 0;
-    std::unique_lock<std::mutex> lock(mutex_);
-    while (true) {
-        start_.wait(lock, [this, seen] { return closing_ || (work_ != nullptr && round_ != seen); });
-        if (closing_) return;
+    while (wait_for_round(seen)) {
         seen = round_;
-        ++busy_;
-        const Work& work = *work_;
-        const int total = total_, chunk = chunk_;
-        lock.unlock();
-        take(work, total, chunk);
-        lock.lock();
-        if (--busy_ == 0) finish_.notify_one();
-        lock.unlock();
-        spin([this, seen] { return round_ != seen; });
-        lock.lock();
+        if (++gate_ < kClosed) take(own);  // else too late: the round is over
+        leave();
     }
 }
 
