@@ -40,8 +40,8 @@ def main() -> None:
         job()
     except COMPOSITION_ERRORS as error:
         sys.exit(refuse(error))
-    except KeyboardInterrupt:
-        sys.exit(130)
+    except KeyboardInterrupt as error:
+        sys.exit(getattr(error, "exit_code", 130))
     sys.exit(failures[0].exit_code if failures else 0)
 
 

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import os
-import signal
-import threading
 from collections.abc import Collection, Mapping, Sequence
 from concurrent.futures import FIRST_EXCEPTION, Future, ThreadPoolExecutor, wait
 from dataclasses import asdict, replace
@@ -13,6 +11,7 @@ from queue import SimpleQueue
 
 from rich.console import Console
 
+from romgrl import interruption
 from romgrl.config import Config
 from romgrl.job import Job
 from romgrl.keys import STAGES, all_keys, plan, share_threads
@@ -34,7 +33,7 @@ def run(
     """
     validate(config)
     config = resolve(config)
-    listen_to_signals()
+    interruption.listen()
     outputs = Path(config.paths.outputs)
     tracking = config.tracking
     recorder = open_recorder(tracking.uri, tracking.experiment, outputs, enabled=tracking.enabled)
@@ -64,13 +63,6 @@ def run(
     if tracked.run_id is not None:
         job.say(f"compare runs: {ui_command(recorder.uri)}")
     return job.finished
-
-
-def listen_to_signals() -> None:
-    """Let SIGINT and SIGTERM interrupt a stage in good order, also where a shell started the job in the background."""
-    if threading.current_thread() is threading.main_thread():
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, signal.default_int_handler)
 
 
 def resolve(config: Config) -> Config:

@@ -6,6 +6,7 @@ Importing MLflow takes seconds and sending to it takes the interpreter; neither 
 from __future__ import annotations
 
 import itertools
+import os
 import shlex
 import shutil
 import subprocess
@@ -19,6 +20,7 @@ from typing import Any
 
 from rich.console import Console
 
+NICENESS = 10  # of the process of MLflow: a training on the same cores goes first
 ANSWERED = ("start", "artifacts", "finish")  # requests that the other side answers when they are done
 
 
@@ -59,6 +61,7 @@ class Recorder:
                 pass_fds=[remote.fileno()],
                 start_new_session=True,  # an interrupted pipeline still has to say so
             )
+            os.setpriority(os.PRIO_PROCESS, self._process.pid, NICENESS)
             remote.close()
             self._connection.send({"uri": uri, "experiment": experiment, "outputs": outputs})
 

@@ -14,8 +14,8 @@ from collections.abc import Callable, Mapping
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from pathlib import Path
-from types import FrameType
 
+from romgrl import interruption
 from romgrl.config import Config
 from romgrl.errors import RomgrlError
 from romgrl.progress import StageLog
@@ -155,17 +155,9 @@ def serve(connection: Connection) -> None:
             return
 
 
-def interrupt_once(number: int, frame: FrameType | None) -> None:
-    """Let the first signal interrupt the stage, and no second one its checkpoint."""
-    for signal_number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(signal_number, lambda number, frame: None)
-    raise KeyboardInterrupt
-
-
 def main() -> None:
     """Serve the pipe whose file descriptor is the only argument."""
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, interrupt_once)
+    interruption.listen(once=True)
     try:
         serve(Connection(int(sys.argv[1])))
     except (KeyboardInterrupt, OSError):  # stopped while idle, or the pipeline is gone

@@ -14,7 +14,11 @@ SOURCES = sorted((ROOT / "romgrl").rglob("*.py"))
 LEARNING = {"algorithms", "networks", "buffers", "normalizer", "lanes"}
 WORLDS = {"rom", "humanoid"}
 WIRING = {"__main__", "composition", "sweep", "config_docs"}
-BELOW_STAGES = LEARNING | WORLDS | {"gait", "report", "artifacts", "progress", "config", "errors", "stages"}
+BELOW_STAGES = (
+    LEARNING
+    | WORLDS
+    | {"gait", "report", "artifacts", "checkpoint", "progress", "config", "errors", "interruption", "stages"}
+)
 ALLOWED = {
     "algorithms": LEARNING | {"artifacts", "errors"},
     "networks": {"errors"},
@@ -26,6 +30,8 @@ ALLOWED = {
     "gait": {"gait", "errors"},
     "report": {"report", "gait", "artifacts", "errors", "config", "rom", "humanoid"},
     "artifacts": {"errors"},
+    "checkpoint": {"artifacts", "errors"},
+    "interruption": set(),
     "progress": {"errors"},
     "config": set(),
     "errors": set(),
@@ -36,9 +42,9 @@ ALLOWED = {
     "summary": set(),
     "recorder": set(),
     "tracking": {"recorder"},
-    "pipeline": {"config", "job", "keys", "progress", "recorder", "summary", "validation", "worker"},
+    "pipeline": {"config", "interruption", "job", "keys", "progress", "recorder", "summary", "validation", "worker"},
     "job": {"artifacts", "config", "errors", "keys", "progress", "provenance", "recorder", "worker"},
-    "worker": {"config", "errors", "progress"},
+    "worker": {"config", "errors", "interruption", "progress"},
     "composition": {"config", "errors", "validation"},
     "sweep": {"composition", "errors", "recorder", "validation"},
     "config_docs": {"composition", "config", "validation"},

@@ -139,7 +139,7 @@ def test_signals(tmp_path: Path, number: signal.Signals) -> None:
         time.sleep(0.1)
     job.send_signal(number)
     out, err = job.communicate(timeout=10)
-    assert (job.returncode, err) == (130, "")
+    assert (job.returncode, err) == (128 + number, "")
     assert re.search(r"interrupted after 0:\d\d; kept /.*\.partial", out)
 
 

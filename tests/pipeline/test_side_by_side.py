@@ -167,7 +167,7 @@ def test_signals_end_both_in_good_order(tmp_path: Path, number: signal.Signals, 
     for process in [*workers, job.pid] if to_all else [job.pid]:
         os.kill(process, number)
     out, err = job.communicate(timeout=20)
-    assert (job.returncode, err) == (130, "")
+    assert (job.returncode, err) == (128 + number, "")
     assert len(re.findall(r"(?:teacher|baseline): interrupted after 0:\d\d; kept /.*\.partial", out)) == 2
     assert partials(outputs) == {"baseline": ["half.npz"], "teacher": ["half.npz"]}
     assert not any(Path(f"/proc/{worker}").exists() for worker in workers)

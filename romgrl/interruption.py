@@ -1,0 +1,71 @@
+"""Signals that end a job: a training stops where its state is whole, everything else at once."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGUSR2)  # Ctrl-C, a scheduler's end, a scheduler's warning
+
+_deferring = _once = False
+_pending: signal.Signals | None = None
+
+
+class Interrupted(KeyboardInterrupt):
+    """A signal asked for the end; the exit code is 128 + its number, as in a shell."""
+
+    def __init__(self, number: signal.Signals) -> None:
+        super().__init__(number)
+        self.number = number
+
+    @property
+    def exit_code(self) -> int:
+        """130 for SIGINT, 143 for SIGTERM, 140 for SIGUSR2 on Linux."""
+        return 128 + self.number
+
+    def __str__(self) -> str:
+        return f"interrupted by {self.number.name}"
+
+
+def listen(*, once: bool = False) -> None:
+    """Answer all SIGNALS from now on, also where a shell started the job in the background. Main thread only.
+
+    `once`: only the first signal counts, so that nothing interrupts what it started.
+    """
+    global _pending, _once
+    _pending, _once = None, once
+    if threading.current_thread() is threading.main_thread():
+        for number in SIGNALS:
+            signal.signal(number, _answer)
+
+
+@contextmanager
+def deferred() -> Iterator[Callable[[], None]]:
+    """Keep signals back while the block runs; it calls the function it gets wherever it can be interrupted.
+
+    The call raises Interrupted if a signal has come. A second signal does not wait for it.
+    """
+    global _deferring
+    _deferring = True
+    try:
+        yield check
+    finally:
+        _deferring = False
+
+
+def check() -> None:
+    """Raise Interrupted if a signal has come and was kept back."""
+    if _pending is not None:
+        raise Interrupted(_pending)
+
+
+def _answer(number: int, frame: FrameType | None) -> None:
+    """The handler: raise, or remember the first signal while it is kept back."""
+    global _pending
+    first, _pending = _pending is None, _pending or signal.Signals(number)
+    if (not first and _once) or (first and _deferring):
+        return
+    raise Interrupted(_pending)
