@@ -3,27 +3,24 @@
 from __future__ import annotations
 
 import os
-import shutil
 import threading
 import time
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from filelock import FileLock, Timeout
 from rich.progress import Progress
 
-from romgrl.artifacts import Manifest, open_artifact, write_manifest
+from romgrl.artifacts import Manifest, open_artifact, read_manifest, write_manifest
 from romgrl.config import Config
 from romgrl.errors import RomgrlError
-from romgrl.keys import STAGES, stage_config, stage_settings
+from romgrl.keys import STAGES, stage_config, stage_key, stage_settings
+from romgrl.locks import exclusive
 from romgrl.progress import TerminalLog, format_duration
 from romgrl.provenance import git_state, versions
 from romgrl.recorder import RecordedRun, Recorder
 from romgrl.worker import Runner
-
-LOCK_SECONDS = 0.5  # between two looks at whether to stop waiting for another process
+from romgrl.workspace import Workspace
 
 
 @dataclass
@@ -34,13 +31,31 @@ class Job:
     recorder: Recorder
     run: RecordedRun
     bars: Progress
-    keys: Mapping[str, str]
+    directories: dict[str, Path] = field(default_factory=dict)
     finished: dict[str, Path] = field(default_factory=dict)
+    reused: dict[str, Manifest] = field(default_factory=dict)
     stopping: threading.Event = field(default_factory=threading.Event)
 
-    def directory(self, stage: str) -> Path:
-        """Where the finished artifact of a stage is."""
-        return Path(self.config.paths.outputs) / "artifacts" / stage / self.keys[stage]
+    def directory(self, stage: str) -> Path | None:
+        """Where the artifact of a stage is or will be; None while one that it reads is not there."""
+        if stage not in self.directories:
+            digests = {name: self.digest(name) for name in STAGES[stage].upstream}
+            known = {name: digest for name, digest in digests.items() if digest is not None}
+            if len(known) < len(digests):
+                return None
+            key = stage_key(stage, self.config, known)
+            self.directories[stage] = Path(self.config.paths.outputs) / "artifacts" / stage / key
+        return self.directories[stage]
+
+    def digest(self, stage: str) -> str | None:
+        """Digest of the artifact of a stage, as its manifest says; None where there is none."""
+        directory = self.directory(stage)
+        return read_manifest(directory).digest if directory is not None and directory.exists() else None
+
+    def present(self, stage: str) -> bool:
+        """Tell whether the artifact of a stage is there."""
+        directory = self.directory(stage)
+        return directory is not None and directory.exists()
 
     def say(self, *lines: str) -> None:
         """Print lines as they are, with none of another stage between them."""
@@ -49,66 +64,47 @@ class Job:
     def ensure(self, stage: str, *, runner: Runner, threads: int) -> None:
         """Verify the artifact of a stage, or make it where there is none; what it needs must be finished."""
         directory = self.directory(stage)
-        with self.exclusive(directory):
+        assert directory is not None
+        with exclusive(directory, say=self.say, stopping=self.stopping.is_set):
             reused = directory.exists()
-            manifest = open_artifact(directory, stage=stage) if reused else self.make(stage, runner, threads)
+            manifest = open_artifact(directory, stage=stage) if reused else self.make(stage, directory, runner, threads)
         self.finished[stage] = directory
         if reused:
             self.say(f"{stage}: reused; it took {format_duration(manifest.wall_time)}")
-            self.run.tags({f"romgrl.reused_from.{stage}": manifest.run_id or "untracked"})
-            self.run.metrics({f"time_saved/{stage}": manifest.wall_time}, 0)
-        self.run.tags({f"romgrl.key.{stage}": self.keys[stage], f"romgrl.run.{stage}": manifest.run_id or "untracked"})
+            self.reused[stage] = manifest
+        self.run.tags({f"romgrl.key.{stage}": directory.name, f"romgrl.run.{stage}": manifest.run_id or "untracked"})
         self.say(f"artifact: {directory}", f"mlflow run: {manifest.run_id or 'none'}")
 
-    @contextmanager
-    def exclusive(self, directory: Path) -> Iterator[None]:
-        """Let one process at a time make an artifact; the others wait and then find it."""
-        directory.parent.mkdir(parents=True, exist_ok=True)
-        lock = FileLock(directory.with_name(f".{directory.name}.lock"))
-        try:
-            lock.acquire(timeout=0)
-        except Timeout:
-            self.say(f"{directory.parent.name}: another process is making {directory.name}; waiting for it")
-            self.wait_for(lock)
-        try:
-            yield
-        finally:
-            lock.release()
+    def record_reuse(self) -> None:
+        """Tell MLflow which runs this job took its artifacts from, and the seconds that this saved."""
+        if self.reused:
+            sources = {stage: manifest.run_id or "untracked" for stage, manifest in sorted(self.reused.items())}
+            times = {f"time_saved/{stage}": manifest.wall_time for stage, manifest in self.reused.items()}
+            tags = {f"romgrl.reused_from.{stage}": run_id for stage, run_id in sources.items()}
+            self.run.tags(tags | {"romgrl.reused_from": " ".join(f"{stage}={run}" for stage, run in sources.items())})
+            self.run.metrics(times | {"time_saved": sum(times.values())}, 0)
 
-    def wait_for(self, lock: FileLock) -> None:
-        """Acquire a lock, or raise KeyboardInterrupt once the job is being stopped."""
-        while not lock.is_locked:
-            if self.stopping.is_set():
-                raise KeyboardInterrupt
-            try:
-                lock.acquire(timeout=LOCK_SECONDS)
-            except Timeout:
-                continue
-
-    def make(self, stage: str, runner: Runner, threads: int) -> Manifest:
-        """Run a stage in `<key>.partial`, describe what it wrote, and rename the whole to `<key>`."""
-        directory = self.directory(stage)
+    def make(self, stage: str, directory: Path, runner: Runner, threads: int) -> Manifest:
+        """Run a stage in its workspace, describe what it wrote, and publish the whole."""
         config = replace(stage_config(stage, self.config), threads=threads)
         inputs = {upstream: self.finished[upstream] for upstream in STAGES[stage].upstream}
         digests = {upstream: open_artifact(path, stage=upstream).digest for upstream, path in inputs.items()}
         settings = stage_settings(stage, self.config)
-        partial = directory.with_name(f"{directory.name}.partial")
-        shutil.rmtree(partial, ignore_errors=True)
-        partial.mkdir(parents=True)
-        upstream_keys = " ".join(f"{name}={self.keys[name]}" for name in inputs)
-        tags = {"stage": stage, "key": self.keys[stage], "upstream": upstream_keys, "threads": str(threads)}
-        run = self.recorder.start(stage, parent=self.run, tags=tags, params=settings)
-        self.say(f"{stage}: started, {threads} thread{'s' if threads > 1 else ''}")
+        workspace = Workspace(directory)
+        goes_on = workspace.open()
+        run = self.start_run(stage, directory.name, inputs, settings, threads)
+        self.say(f"{stage}: {'goes on' if goes_on else 'started'}, {threads} thread{'s' if threads > 1 else ''}")
         start, status = time.monotonic(), "FAILED"
         try:
-            with TerminalLog(stage, partial, sink=run.metrics, bars=self.bars) as log:
-                runner(STAGES[stage].function, config, inputs, partial, log)
-            wall_time = time.monotonic() - start
+            with TerminalLog(stage, workspace.partial, sink=run.metrics, bars=self.bars) as log:
+                runner(STAGES[stage].function, config, inputs, workspace.partial, log)
+            wall_time = workspace.seconds + time.monotonic() - start
+            workspace.clear_checkpoint()
             revision, dirty = git_state()
             manifest = write_manifest(
-                partial,
+                workspace.partial,
                 stage=stage,
-                key=self.keys[stage],
+                key=directory.name,
                 config=settings,
                 inputs=digests,
                 versions=versions(),
@@ -119,15 +115,26 @@ class Job:
                 run_id=run.run_id,
                 threads=threads,
             )
-            run.artifacts(partial)
-            os.replace(partial, directory)
+            run.artifacts(workspace.partial)
+            os.replace(workspace.partial, directory)
+            workspace.close()
             status = "FINISHED"
         except (KeyboardInterrupt, RomgrlError) as error:
             status = "KILLED" if isinstance(error, KeyboardInterrupt) else "FAILED"
             ended = "interrupted" if isinstance(error, KeyboardInterrupt) else "failed"
-            self.say(f"{stage}: {ended} after {format_duration(time.monotonic() - start)}; kept {partial}")
+            seconds = time.monotonic() - start
+            workspace.note(run.run_id, workspace.seconds + seconds)
+            self.say(f"{stage}: {ended} after {format_duration(seconds)}; kept {workspace.partial}")
             raise
         finally:
             run.finish(status)
         self.say(f"{stage}: done in {format_duration(wall_time)}")
         return manifest
+
+    def start_run(
+        self, stage: str, key: str, inputs: Mapping[str, Path], settings: Mapping[str, object], threads: int
+    ) -> RecordedRun:
+        """The MLflow run of a stage."""
+        upstream = " ".join(f"{name}={path.name}" for name, path in inputs.items())
+        tags = {"stage": stage, "key": key, "upstream": upstream, "threads": str(threads)}
+        return self.recorder.start(stage, parent=self.run, tags=tags, params=settings)

@@ -10,6 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from romgrl.config import Config
+from romgrl.provenance import computing_versions
+from romgrl.sources import source_digest
 from romgrl.validation import value_of
 
 
@@ -24,14 +26,14 @@ class Stage:
 
 BODY = ("humanoid.xml", "humanoid.height", "humanoid.mass", "humanoid.control_frequency")
 STAGES: dict[str, Stage] = {
-    "teacher": Stage("romgrl.stages.teacher:run", (), ("rom", "teacher", *BODY, "seed")),
+    "teacher": Stage("romgrl.stages.teacher:run", (), ("rom", "teacher", *BODY, "seed", "device")),
     "reference": Stage("romgrl.stages.reference:run", ("teacher",), ("rom", "teacher", *BODY, "reference", "seed")),
     "student": Stage(
         "romgrl.stages.student:run",
         ("reference",),
-        ("student", "discriminator", "humanoid", "speed", "eta", "noise", "seed"),
+        ("student", "discriminator", "humanoid", "speed", "eta", "noise", "seed", "device"),
     ),
-    "baseline": Stage("romgrl.stages.student:run", (), ("student", "humanoid", "speed", "seed")),
+    "baseline": Stage("romgrl.stages.student:run", (), ("student", "humanoid", "speed", "seed", "device")),
     "evaluation": Stage(
         "romgrl.stages.evaluation:run",
         ("reference", "student", "baseline"),
@@ -100,14 +102,15 @@ def stage_settings(stage: str, config: Config) -> dict[str, Any]:
 
 
 def stage_key(stage: str, config: Config, upstream: Mapping[str, str]) -> str:
-    """SHA-256 (16 hexadecimal digits) over the stage, its settings and the keys of the stages it reads."""
-    document = {"stage": stage, "settings": stage_settings(stage, config), "upstream": dict(upstream)}
+    """SHA-256 (16 hexadecimal digits) over all that decides what a stage makes.
+
+    That is the stage's settings, its code, the versions of what computes, and the digests of the artifacts it reads.
+    """
+    document = {
+        "stage": stage,
+        "settings": stage_settings(stage, config),
+        "sources": source_digest(STAGES[stage].function),
+        "versions": computing_versions(),
+        "upstream": dict(upstream),
+    }
     return hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()[:16]
-
-
-def all_keys(config: Config) -> dict[str, str]:
-    """The key of every stage."""
-    keys: dict[str, str] = {}
-    for name, stage in STAGES.items():
-        keys[name] = stage_key(name, config, {upstream: keys[upstream] for upstream in stage.upstream})
-    return keys

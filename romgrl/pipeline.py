@@ -14,7 +14,7 @@ from rich.console import Console
 from romgrl import interruption
 from romgrl.config import Config
 from romgrl.job import Job
-from romgrl.keys import STAGES, all_keys, plan, share_threads
+from romgrl.keys import STAGES, plan, share_threads
 from romgrl.progress import make_bars
 from romgrl.recorder import open_recorder, ui_command
 from romgrl.summary import result_metrics, result_tables
@@ -39,13 +39,14 @@ def run(
     recorder = open_recorder(tracking.uri, tracking.experiment, outputs, enabled=tracking.enabled)
     tracked = recorder.start(name, parent=parent, tags={"stage": "job"}, params=asdict(config))
     console = console or Console()
-    job = Job(config, recorder, tracked, make_bars(console), all_keys(config))
+    job = Job(config, recorder, tracked, make_bars(console))
     if parent is not None:
         job.say(f"job: {name}")
     status = "FAILED"
     try:
         with job.bars:
             run_stages(job)
+        job.record_reuse()
         if "evaluation" in job.finished:
             tracked.metrics(result_metrics(job.finished["evaluation"]), 0)
         status = "FINISHED"
@@ -75,14 +76,10 @@ def resolve(config: Config) -> Config:
 def run_stages(job: Job) -> None:
     """Make what is missing: in this process one after the other, or in two where stages can run side by side."""
     config = job.config
-
-    def present(stage: str) -> bool:
-        return job.directory(stage).exists()
-
-    stages = plan(STAGES if config.stage == "all" else [config.stage], present)
+    stages = plan(STAGES if config.stage == "all" else [config.stage], job.present)
     threads = dict.fromkeys(stages, config.threads)
     if config.parallel_stages and config.threads >= WORKERS:
-        threads |= share_threads([stage for stage in stages if not present(stage)], config.threads)
+        threads |= share_threads([stage for stage in stages if not job.present(stage)], config.threads)
     if all(share == config.threads for share in threads.values()):
         for stage in stages:
             job.ensure(stage, runner=execute, threads=config.threads)

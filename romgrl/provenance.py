@@ -9,6 +9,7 @@ from pathlib import Path
 
 import romgrl
 
+COMPUTING = ("python", "romgrl", "torch", "numpy", "mujoco")
 LIBRARIES = ("torch", "numpy", "mujoco", "gymnasium", "safetensors")
 
 
@@ -21,6 +22,13 @@ def versions() -> dict[str, str]:
         except PackageNotFoundError:
             found[library] = "not installed"
     return found
+
+
+def computing_versions() -> dict[str, str]:
+    """The versions that decide what a stage computes; of Python's, the first two numbers."""
+    found = versions()
+    found["python"] = found["python"].rpartition(".")[0]
+    return {name: found[name] for name in COMPUTING}
 
 
 def git_state() -> tuple[str | None, bool | None]:

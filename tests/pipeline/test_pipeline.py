@@ -19,7 +19,6 @@ from romgrl import pipeline
 from romgrl.artifacts import open_artifact
 from romgrl.config import STAGES, Config
 from romgrl.errors import ArtifactError, DivergenceError
-from romgrl.keys import all_keys
 from tests.conftest import Composer
 from tests.pipeline.conftest import ROOT, Command, start, trainings
 
@@ -39,13 +38,12 @@ def run(config: Config) -> tuple[dict[str, Path], str]:
 def test_all_stages_run_once_and_are_described(quiet: Config) -> None:
     finished, text = run(quiet)
     outputs = Path(quiet.paths.outputs)
-    keys = all_keys(quiet)
     assert set(finished) == set(STAGES)
     assert [line.split()[0] for line in (outputs / "artifacts" / "calls.txt").read_text().splitlines()] == list(STAGES)
     for stage, path in finished.items():
-        assert path == outputs / "artifacts" / stage / keys[stage]
+        assert path.parent == outputs / "artifacts" / stage
         manifest = open_artifact(path, stage=stage)
-        assert (manifest.stage, manifest.key, manifest.seed) == (stage, keys[stage], 0)
+        assert (manifest.stage, manifest.key, manifest.seed) == (stage, path.name, 0)
         assert {"data.npz", "curve.csv"} <= set(manifest.files)
         assert {"python", "torch", "numpy", "mujoco", "gymnasium", "romgrl"} <= set(manifest.versions)
         assert manifest.wall_time > 0
@@ -112,7 +110,7 @@ def test_a_stage_that_ends_early_is_kept_but_not_published(
     with pytest.raises(error):
         run(quiet)
     folder = Path(quiet.paths.outputs) / "artifacts" / "student"
-    assert [path.name for path in folder.iterdir() if path.is_dir()] == [f"{all_keys(quiet)['student']}.partial"]
+    assert [path.suffix for path in folder.iterdir() if path.is_dir()] == [".partial"]
     assert (next(folder.glob("*.partial")) / "half.npz").exists()
     monkeypatch.delenv("FAKE_FAULT")
     finished, _ = run(quiet)

@@ -18,7 +18,7 @@ from rich.console import Console
 from romgrl import keys, pipeline
 from romgrl.artifacts import load_tensors, open_artifact
 from romgrl.config import STAGES, Config
-from romgrl.keys import all_keys, plan, share_threads
+from romgrl.keys import plan, share_threads, stage_key
 from romgrl.tracking import PARENT_TAG
 from tests.conftest import Composer
 from tests.pipeline.conftest import Command, start, trainings
@@ -173,9 +173,10 @@ def test_signals_end_both_in_good_order(tmp_path: Path, number: signal.Signals, 
     assert not any(Path(f"/proc/{worker}").exists() for worker in workers)
 
 
+@pytest.mark.usefixtures("fakes")
 def test_a_job_that_waits_for_another_can_be_interrupted(tmp_path: Path, compose_config: Composer) -> None:
     outputs = tmp_path / "outputs"
-    key = all_keys(compose_config(*TWO))["baseline"]
+    key = stage_key("baseline", compose_config(*TWO), {})
     (outputs / "artifacts" / "baseline").mkdir(parents=True)
     with FileLock(outputs / "artifacts" / "baseline" / f".{key}.lock"):
         job = start(*TWO, "tracking=none", f"paths.outputs={outputs}")
@@ -183,7 +184,7 @@ def test_a_job_that_waits_for_another_can_be_interrupted(tmp_path: Path, compose
         job.send_signal(signal.SIGINT)
         out, err = job.communicate(timeout=20)
     assert (job.returncode, err) == (130, "")
-    assert "baseline: another process is making" in out
+    assert f"baseline: {key} is being made by another process; waiting for it" in out
 
 
 @pytest.mark.usefixtures("fakes")
