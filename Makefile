@@ -12,7 +12,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_CONSTRAINT := $(CURDIR)/constraints.txt
 
 .DEFAULT_GOAL := help
-.PHONY: help install run test test-slow bench peers lint format types docs clean
+.PHONY: help install run test test-slow test-faults bench peers lint format types docs clean
 
 help: ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -27,6 +27,9 @@ test: $(PACKAGE) ## run the tests (under 8 minutes on two cores)
 
 test-slow: $(PACKAGE) ## run the tests that train for minutes
 	$(BIN)/python -m pytest -m slow --timeout 3600 $(ARGS)
+
+test-faults: $(PACKAGE) ## break it: kills, full disks, damaged files, lost servers, bad input (under 20 minutes)
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -m "slow or not slow" -n auto -rP --timeout 1200 tests/faults $(ARGS)
 
 bench: $(PACKAGE) peers ## measure speed beside the peers and write docs/benchmarks.md (hours; one row: ARGS=NAME)
 	$(BIN)/python -m benchmarks $(ARGS)

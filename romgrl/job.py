@@ -19,7 +19,7 @@ from romgrl.locks import exclusive
 from romgrl.progress import TerminalLog, format_duration
 from romgrl.provenance import git_state, versions
 from romgrl.recorder import RecordedRun, Recorder
-from romgrl.worker import Runner
+from romgrl.worker import Runner, working_lock
 from romgrl.workspace import Workspace
 
 
@@ -91,7 +91,8 @@ class Job:
         digests = {upstream: open_artifact(path, stage=upstream).digest for upstream, path in inputs.items()}
         settings = stage_settings(stage, self.config)
         workspace = Workspace(directory)
-        goes_on = workspace.open()
+        with working_lock(workspace.partial):
+            goes_on = workspace.open()
         run = self.start_run(stage, directory.name, inputs, settings, threads)
         self.say(f"{stage}: {'goes on' if goes_on else 'started'}, {threads} thread{'s' if threads > 1 else ''}")
         start, status = time.monotonic(), "FAILED"

@@ -15,6 +15,8 @@ from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from pathlib import Path
 
+from filelock import FileLock
+
 from romgrl import interruption
 from romgrl.config import Config
 from romgrl.errors import RomgrlError
@@ -57,6 +59,7 @@ class Worker:
     """A process that runs one stage after the other; it starts with the first. Threads may share one."""
 
     def __init__(self) -> None:
+        self._lifeline: int | None = None  # the process ends as soon as nobody holds this end of a pipe
         self._process: subprocess.Popen[bytes] | None = None
         self._connection: Connection | None = None
         self._stopped = False
@@ -90,6 +93,9 @@ class Worker:
             self._connection.close()
         if self._process is not None:
             self._process.wait()
+        if self._lifeline is not None:
+            os.close(self._lifeline)
+            self._lifeline = None
 
     def kill(self) -> None:
         """End the process at once."""
@@ -102,12 +108,14 @@ class Worker:
                 raise KeyboardInterrupt
             if self._connection is None:
                 self._connection, remote = Pipe()
+                lifeline, self._lifeline = os.pipe()
                 self._process = subprocess.Popen(
-                    [sys.executable, "-m", "romgrl.worker", str(remote.fileno())],
-                    pass_fds=[remote.fileno()],
+                    [sys.executable, "-m", "romgrl.worker", str(remote.fileno()), str(lifeline)],
+                    pass_fds=[remote.fileno(), lifeline],
                     start_new_session=True,  # the terminal's Ctrl-C comes to the pipeline alone, which passes it on
                 )
                 remote.close()
+                os.close(lifeline)
             return self._connection
 
     def _exit_status(self) -> str:
@@ -145,7 +153,8 @@ def serve(connection: Connection) -> None:
             return
         outcome: BaseException | None = None
         try:
-            execute(entry, config, inputs, output, PipeLog(connection))
+            with working_lock(output):
+                execute(entry, config, inputs, output, PipeLog(connection))
         except (KeyboardInterrupt, RomgrlError) as error:
             outcome = error
         except Exception:
@@ -155,8 +164,20 @@ def serve(connection: Connection) -> None:
             return
 
 
+def working_lock(output: Path) -> FileLock:
+    """Held by a worker while it writes to a workspace: a killed pipeline's lock is free before its worker is gone."""
+    return FileLock(output.with_name(f".{output.name}.lock"))
+
+
+def end_with_pipeline(lifeline: int) -> None:
+    """Die as soon as the pipeline has: whoever makes the stage next must be alone."""
+    os.read(lifeline, 1)
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
 def main() -> None:
-    """Serve the pipe whose file descriptor is the only argument."""
+    """Serve the pipe of the first file descriptor for as long as somebody holds the other end of the second."""
+    threading.Thread(target=end_with_pipeline, args=[int(sys.argv[2])], daemon=True).start()
     interruption.listen(once=True)
     try:
         serve(Connection(int(sys.argv[1])))

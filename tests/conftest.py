@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -9,8 +10,11 @@ import pytest
 from hydra import compose, initialize_config_dir
 from hydra.core.global_hydra import GlobalHydra
 
+from romgrl import keys
 from romgrl.composition import CONF, register_schema, to_config
 from romgrl.config import Config
+from tests.pipeline import fake_stages
+from tests.pipeline.conftest import Command, start
 
 Composer = Callable[..., Config]
 
@@ -32,3 +36,24 @@ def compose_config() -> Iterator[Composer]:
 def smoke_config(compose_config: Composer, tmp_path: Path) -> Config:
     """The smallest configuration, on one thread, with its outputs in the test's directory."""
     return compose_config("experiment=smoke", "threads=1", f"paths.outputs={tmp_path}/outputs")
+
+
+@pytest.fixture
+def fakes() -> Iterator[None]:
+    """Replace every stage by a fake one."""
+    saved = dict(keys.STAGES)
+    fake_stages.install()
+    yield
+    keys.STAGES.update(saved)
+
+
+@pytest.fixture
+def command(tmp_path: Path) -> Command:
+    """Run the command line with fake stages in a process of its own, outputs in the test's directory."""
+
+    def execute(*arguments: str, **variables: str) -> subprocess.CompletedProcess[str]:
+        process = start(*arguments, f"paths.outputs={tmp_path}/outputs", **variables)
+        out, err = process.communicate(timeout=120)
+        return subprocess.CompletedProcess(process.args, process.returncode, out, err)
+
+    return execute

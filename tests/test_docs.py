@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.pipeline.conftest import Command, command  # noqa: F401
+from tests.conftest import Command
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -39,7 +39,7 @@ def test_the_readme_shows_its_two_commands_and_four_usages() -> None:
 
 
 @pytest.mark.parametrize("line", ROMGRL)
-def test_romgrl(line: str, command: Command) -> None:  # noqa: F811
+def test_romgrl(line: str, command: Command) -> None:
     result = command(*shlex.split(line)[3:], "tracking=none")
     assert result.returncode == 0, result.stderr
 

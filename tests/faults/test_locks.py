@@ -1,0 +1,123 @@
+"""Many processes that need one artifact: one makes it, the others wait and use it, and a dead owner is taken over."""
+
+from __future__ import annotations
+
+import io
+import multiprocessing
+import os
+import re
+import signal
+import time
+from dataclasses import replace
+from multiprocessing.synchronize import Barrier
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from romgrl import pipeline
+from romgrl.artifacts import open_artifact
+from romgrl.config import Config
+from romgrl.locks import Owner, exclusive
+from tests.pipeline import fake_stages
+from tests.pipeline.conftest import trainings
+
+PROCESSES, ROUNDS, TAKEOVERS = 8, 20, 20
+CONTEXT = multiprocessing.get_context("forkserver")
+CONTEXT.set_forkserver_preload(["torch", "romgrl.pipeline", "tests.pipeline.fake_stages"])
+
+
+@pytest.fixture
+def teacher(smoke_config: Config) -> Config:
+    """The teacher alone, without MLflow."""
+    return replace(smoke_config, stage="teacher", tracking=replace(smoke_config.tracking, enabled=False))
+
+
+def run(config: Config, seconds: float = 0.0) -> str:
+    """One job with fake stages; what it said."""
+    os.environ["FAKE_SECONDS"] = str(seconds)
+    fake_stages.install()
+    console = Console(file=io.StringIO(), width=200)
+    pipeline.run(config, console=console)
+    return console.file.getvalue()
+
+
+def rounds(config: Config, barrier: Barrier, said: Path) -> None:
+    """Need one teacher after the other, each at the same moment as the other processes."""
+    for seed in range(ROUNDS):
+        barrier.wait(60)
+        with said.open("a") as file:
+            file.write(run(replace(config, seed=seed), seconds=0.1))
+
+
+def test_one_of_many_processes_makes_it(teacher: Config, tmp_path: Path) -> None:
+    barrier = CONTEXT.Barrier(PROCESSES)
+    logs = [tmp_path / f"{number}.txt" for number in range(PROCESSES)]
+    processes = [CONTEXT.Process(target=rounds, args=(teacher, barrier, log)) for log in logs]
+    for process in processes:
+        process.start()
+    for process in processes:
+        process.join(120)
+    assert [process.exitcode for process in processes] == [0] * PROCESSES
+    made = len(trainings(Path(teacher.paths.outputs)))
+    text = "".join(log.read_text() for log in logs)
+    waited = re.findall(r"is being made by (?:process (\d+) on \S+ since \S+|another process); waiting for it", text)
+    print(f"{PROCESSES} processes x {ROUNDS} rounds: {made} trainings, {len(waited)} waits")
+    assert made == ROUNDS
+    assert text.count("teacher: done in") == ROUNDS
+    assert text.count("teacher: reused") == (PROCESSES - 1) * ROUNDS
+    assert {int(process) for process in waited if process} <= {process.pid for process in processes}
+    assert any(waited)
+
+
+def test_a_dead_owner_is_taken_over(teacher: Config, tmp_path: Path) -> None:
+    taken = 0
+    artifacts = Path(teacher.paths.outputs) / "artifacts" / "teacher"
+    for seed in range(TAKEOVERS):
+        config = replace(teacher, seed=seed)
+        owner = CONTEXT.Process(target=run, args=(config, 60.0))
+        owner.start()
+        wait_until(lambda: artifacts.is_dir() and any(artifacts.glob("*.partial")))
+        log = tmp_path / f"{seed}.txt"
+        heir = CONTEXT.Process(target=write_down, args=(config, log))
+        heir.start()
+        if seed % 2:  # some are waiting when the owner dies, some come later
+            time.sleep(0.2)
+        assert owner.pid is not None
+        os.kill(owner.pid, signal.SIGKILL)
+        owner.join(20)
+        heir.join(20)
+        assert heir.exitcode == 0
+        assert f"was left behind by process {owner.pid} on " in log.read_text()
+        (published,) = (path for path in artifacts.iterdir() if path.is_dir())
+        open_artifact(published, stage="teacher")
+        taken += 1
+        published.rename(tmp_path / f"published-{seed}")
+    print(f"owner killed: taken over {taken} of {TAKEOVERS}, one published each")
+    assert len(trainings(Path(teacher.paths.outputs))) == 2 * TAKEOVERS
+
+
+def write_down(config: Config, log: Path) -> None:
+    """Run a job and keep what it said."""
+    log.write_text(run(config))
+
+
+def wait_until(condition: object, seconds: float = 20.0) -> None:
+    """Wait for a condition to become true."""
+    assert callable(condition)
+    deadline = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+
+
+def test_who_waits_leaves_the_owner_alone(tmp_path: Path) -> None:
+    """A job that is stopped while it waits neither takes the lock nor wipes out whose it is."""
+    place, said = tmp_path / "teacher" / "key", list[str]()
+    with exclusive(place, say=said.append, stopping=lambda: False):
+        waiting = exclusive(place, say=said.append, stopping=lambda: True)
+        with pytest.raises(KeyboardInterrupt), waiting:
+            pytest.fail("the lock was given twice")
+        assert str(Owner(place)).startswith(f"process {os.getpid()} on ")
+    assert str(Owner(place)) == "another process"
+    assert said == [said[0]]
