@@ -8,6 +8,7 @@ import os
 import re
 import signal
 import time
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from multiprocessing.synchronize import Barrier
 from pathlib import Path
@@ -18,9 +19,12 @@ from rich.console import Console
 from romgrl import pipeline
 from romgrl.artifacts import open_artifact
 from romgrl.config import Config
+from romgrl.keys import stage_key
 from romgrl.locks import Owner, exclusive
+from romgrl.worker import working_lock
 from tests.pipeline import fake_stages
-from tests.pipeline.conftest import trainings
+from tests.pipeline.conftest import start, trainings
+from tests.pipeline.test_side_by_side import TWO, children
 
 PROCESSES, ROUNDS, TAKEOVERS = 8, 20, 20
 CONTEXT = multiprocessing.get_context("forkserver")
@@ -121,3 +125,42 @@ def test_who_waits_leaves_the_owner_alone(tmp_path: Path) -> None:
         assert str(Owner(place)).startswith(f"process {os.getpid()} on ")
     assert str(Owner(place)) == "another process"
     assert said == [said[0]]
+
+
+def test_a_killed_pipeline_takes_its_workers_with_it(tmp_path: Path) -> None:
+    """Whoever takes over is alone: a worker that went on would write into the same workspace."""
+    outputs = tmp_path / "outputs"
+    job = start(*TWO, "tracking=none", f"paths.outputs={outputs}", FAKE_SECONDS="60")
+    wait_until(lambda: len(notes(outputs)) == 2)
+    workers = children(job.pid)
+    assert len(workers) == 2
+    job.kill()
+    job.communicate()
+    wait_until(lambda: not any(alive(worker) for worker in workers), seconds=5.0)
+
+
+def alive(process: int) -> bool:
+    """Tell whether a process exists and has not ended."""
+    try:
+        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+def notes(outputs: Path) -> list[str]:
+    """What the fake stages wrote down so far."""
+    path = outputs / "artifacts" / "calls.txt"
+    return path.read_text().splitlines() if path.exists() else []
+
+
+@pytest.mark.usefixtures("fakes")
+def test_a_stage_waits_until_an_old_worker_is_gone(teacher: Config) -> None:
+    place = Path(teacher.paths.outputs) / "artifacts" / "teacher" / stage_key("teacher", teacher, {})
+    place.parent.mkdir(parents=True)
+    with ThreadPoolExecutor(1) as pool:
+        with working_lock(place.with_name(f"{place.name}.partial")):
+            made = pool.submit(pipeline.run, teacher, console=Console(file=io.StringIO()))
+            wait_until(lambda: Owner(place).path.exists())
+            time.sleep(0.5)
+            assert not notes(Path(teacher.paths.outputs))
+        assert made.result(20)["teacher"] == place
