@@ -7,6 +7,7 @@ import multiprocessing
 import os
 import re
 import signal
+import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -22,6 +23,7 @@ from romgrl.config import Config
 from romgrl.keys import stage_key
 from romgrl.locks import Owner, exclusive
 from romgrl.worker import working_lock
+from romgrl.workspace import Workspace
 from tests.pipeline import fake_stages
 from tests.pipeline.conftest import start, trainings
 from tests.pipeline.test_side_by_side import TWO, children
@@ -135,7 +137,7 @@ def test_a_killed_pipeline_takes_its_workers_with_it(tmp_path: Path) -> None:
     workers = children(job.pid)
     assert len(workers) == 2
     job.kill()
-    job.communicate()
+    job.wait()
     wait_until(lambda: not any(alive(worker) for worker in workers), seconds=5.0)
 
 
@@ -154,13 +156,14 @@ def notes(outputs: Path) -> list[str]:
 
 
 @pytest.mark.usefixtures("fakes")
-def test_a_stage_waits_until_an_old_worker_is_gone(teacher: Config) -> None:
+def test_a_stage_waits_until_an_old_worker_is_gone(teacher: Config, monkeypatch: pytest.MonkeyPatch) -> None:
+    opened, original = threading.Event(), Workspace.open
+    monkeypatch.setattr(Workspace, "open", lambda workspace: (opened.set(), original(workspace))[1])
     place = Path(teacher.paths.outputs) / "artifacts" / "teacher" / stage_key("teacher", teacher, {})
     place.parent.mkdir(parents=True)
     with ThreadPoolExecutor(1) as pool:
         with working_lock(place.with_name(f"{place.name}.partial")):
             made = pool.submit(pipeline.run, teacher, console=Console(file=io.StringIO()))
             wait_until(lambda: Owner(place).path.exists())
-            time.sleep(0.5)
-            assert not notes(Path(teacher.paths.outputs))
+            assert not opened.wait(0.5)
         assert made.result(20)["teacher"] == place
