@@ -220,7 +220,10 @@ class Paths:
 class Config:
     """Everything a run needs."""
 
-    stage: str = key("last stage to run, with what it needs", choices=("all", *STAGES))
+    stage: str = key(
+        "last stage to run, with what it needs; sync: bring to MLflow what earlier jobs could not",
+        choices=("all", *STAGES, "sync"),
+    )
     speed: float = key("target speed of student and baseline", unit="m/s", low=0, high=10)
     eta: float = key("weight of the task reward; 1 - eta weighs imitation", low=0, high=1)
     noise: float = key("standard deviation of the Gaussian noise on both streams of the discriminator", low=0, high=10)

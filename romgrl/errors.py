@@ -23,3 +23,9 @@ class DivergenceError(RomgrlError):
     """A training or a simulation left the finite numbers."""
 
     exit_code = 4
+
+
+class TrackingError(RomgrlError):
+    """The store of MLflow cannot be reached, and something is left to bring to it; nothing is lost."""
+
+    exit_code = 3

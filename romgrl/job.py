@@ -116,8 +116,8 @@ class Job:
                 run_id=run.run_id,
                 threads=threads,
             )
-            run.artifacts(workspace.partial)
             os.replace(workspace.partial, directory)
+            run.artifacts(directory)
             workspace.close()
             status = "FINISHED"
         except (KeyboardInterrupt, RomgrlError) as error:

@@ -14,9 +14,10 @@ from rich.console import Console
 from romgrl import interruption
 from romgrl.config import Config
 from romgrl.job import Job
+from romgrl.journal import redacted
 from romgrl.keys import STAGES, plan, share_threads
 from romgrl.progress import make_bars
-from romgrl.recorder import open_recorder, ui_command
+from romgrl.recorder import open_recorder, sync, ui_command
 from romgrl.summary import result_metrics, result_tables
 from romgrl.validation import validate
 from romgrl.worker import Worker, execute
@@ -33,6 +34,8 @@ def run(
     """
     validate(config)
     config = resolve(config)
+    if config.stage == "sync":
+        return bring_the_rest(config, console or Console())
     interruption.listen()
     outputs = Path(config.paths.outputs)
     tracking = config.tracking
@@ -41,7 +44,7 @@ def run(
     console = console or Console()
     job = Job(config, recorder, tracked, make_bars(console))
     if parent is not None:
-        job.say(f"job: {name}")
+        job.say(f"job: {redacted(name)}")
     status = "FAILED"
     try:
         with job.bars:
@@ -61,9 +64,16 @@ def run(
             console.print(table)
     if "report" in job.finished:
         job.say(f"figures and films: {job.finished['report']}")
-    if tracked.run_id is not None:
+    if tracking.enabled:
         job.say(f"compare runs: {ui_command(recorder.uri)}")
     return job.finished
+
+
+def bring_the_rest(config: Config, console: Console) -> dict[str, Path]:
+    """Send MLflow what earlier jobs could not, and print what that was."""
+    for line in sync(config.tracking.uri, Path(config.paths.outputs)):
+        console.print(line, markup=False, highlight=False, soft_wrap=True)
+    return {}
 
 
 def resolve(config: Config) -> Config:

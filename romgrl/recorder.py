@@ -1,27 +1,28 @@
-"""MLflow in a process of its own: the pipeline sends what happens, and waits only for what it needs to know.
+"""Runs of MLflow as the pipeline records them: every request goes to a journal first, and training waits for none.
 
-Importing MLflow takes seconds and sending to it takes the interpreter; neither delays a training here.
+Importing MLflow takes seconds and a tracking server may be away; neither delays a training. A process of its own sends
+what the journal has; what it could not bring, `python -m romgrl stage=sync` or the next job does.
 """
 
 from __future__ import annotations
 
-import itertools
-import os
 import shlex
 import shutil
-import subprocess
 import sys
-import threading
 import time
+import uuid
 from collections.abc import Mapping
-from multiprocessing import Pipe
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 
-NICENESS = 10  # of the process of MLflow: a training on the same cores goes first
-ANSWERED = ("start", "artifacts", "finish")  # requests that the other side answers when they are done
+from romgrl.errors import TrackingError
+from romgrl.journal import Journal, journal_directory, redacted
+from romgrl.tracking_process import TrackingProcess
+
+LOCAL = "local:"  # before the id of a run that MLflow has not named yet
+LOG = "tracking.log"  # beside the journals: what the process of MLflow would print
 
 
 def default_uri(outputs: Path) -> str:
@@ -32,10 +33,10 @@ def default_uri(outputs: Path) -> str:
 def ui_command(uri: str) -> str:
     """The command that shows the runs of a store on this machine; the server listens on loopback only."""
     if uri.startswith("http"):
-        return f"open {uri}"
+        return f"open {redacted(uri)}"
     beside_python = Path(sys.executable).with_name("mlflow")
     program = "mlflow" if shutil.which("mlflow") or not beside_python.exists() else shlex.quote(str(beside_python))
-    return f"{program} ui --backend-store-uri {shlex.quote(uri)}"
+    return f"{program} ui --backend-store-uri {shlex.quote(redacted(uri))} --host 127.0.0.1"
 
 
 def now() -> int:
@@ -43,27 +44,43 @@ def now() -> int:
     return int(time.time() * 1000)
 
 
+def warn(text: str) -> None:
+    """Say what is lost or late, in one line."""
+    Console(stderr=True).print(f"warning: {text}", soft_wrap=True, markup=False, highlight=False)
+
+
+def flatten(settings: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Flatten nested mappings to dotted names."""
+    flat: dict[str, Any] = {}
+    for name, value in settings.items():
+        flat |= flatten(value, f"{prefix}{name}.") if isinstance(value, Mapping) else {prefix + name: value}
+    return flat
+
+
 class Recorder:
-    """Makes runs in one store, through a process that romgrl.tracking serves; disabled: all runs do nothing."""
+    """Makes runs in one store; disabled: all runs do nothing. No method raises because of the store or the journal."""
 
     def __init__(self, uri: str, experiment: str, outputs: Path, *, enabled: bool = True) -> None:
         self.uri = uri
         self.users = 1
-        self._enabled = enabled
-        self._numbers = itertools.count()
-        self._answers: dict[int, str | None] = {}
-        self._sending, self._receiving = threading.Lock(), threading.Lock()
-        self._lost = not enabled
+        self._outputs = outputs
+        self._told: set[str] = set()
+        self.journal: Journal | None = None
+        self.process: TrackingProcess | None = None
         if enabled:
-            self._connection, remote = Pipe()
-            self._process = subprocess.Popen(
-                [sys.executable, "-m", "romgrl.tracking", str(remote.fileno())],
-                pass_fds=[remote.fileno()],
-                start_new_session=True,  # an interrupted pipeline still has to say so
-            )
-            os.setpriority(os.PRIO_PROCESS, self._process.pid, NICENESS)
-            remote.close()
-            self._connection.send({"uri": uri, "experiment": experiment, "outputs": outputs})
+            kept = None if uri == default_uri(outputs) else redacted(uri)
+            try:
+                self.journal = Journal(outputs, {"uri": kept, "experiment": experiment})
+                settings = {"uri": uri, "outputs": outputs, "journal": self.journal.path}
+                log = journal_directory(outputs) / LOG
+                self.process = TrackingProcess(settings, uri=uri, log=log, away=self._away)
+            except OSError as error:
+                self._tell("journal", f"nothing goes to MLflow: {error}")
+
+    @property
+    def lost(self) -> bool:
+        """Tell whether the process of MLflow is gone."""
+        return self.process is not None and not self.process.alive
 
     def start(
         self,
@@ -72,45 +89,68 @@ class Recorder:
         parent: RecordedRun | str | None = None,
         tags: Mapping[str, str],
         params: Mapping[str, Any] | None = None,
+        run_id: str | None = None,
     ) -> RecordedRun:
-        """Start a run with its tags and flattened parameters; `parent` is a run or the id of one."""
-        above = parent.number if isinstance(parent, RecordedRun) else parent
-        number = self.send("start", None, name, parent=above, tags=dict(tags), params=dict(params or {}), at=now())
-        return RecordedRun(self, number)
+        """Start a run with its tags and flattened parameters, or go on in the run `run_id` if the store has it.
 
-    def send(self, method: str, run: int | None, *arguments: Any, **named: Any) -> int:
-        """Send a request on a run and return the request's number; a run has the number of its start."""
-        with self._sending:
-            number = next(self._numbers)
-            try:
-                if not self._lost:
-                    self._connection.send((number, run, method, arguments, named))
-            except OSError:
-                self._lose()
-            return number
+        `parent` is a run or the id of one; ids are MLflow's or local ones.
+        """
+        uid = run_id.removeprefix(LOCAL) if run_id and run_id.startswith(LOCAL) else uuid.uuid4().hex
+        run = RecordedRun(self, uid)
+        run.request(
+            "start",
+            name=redacted(name),
+            parent=parent.local_id if isinstance(parent, RecordedRun) else parent,
+            tags=dict(tags),
+            params={name: redacted(str(value)) for name, value in flatten(params or {}).items()},
+            run_id=run_id,
+        )
+        return run
 
-    def answer(self, number: int) -> str | None:
-        """Wait for the answer to a request; None if there will be none."""
-        with self._receiving:
-            while number not in self._answers and not self._lost:
-                try:
-                    self._answers.update([self._connection.recv()])
-                except (EOFError, OSError):
-                    self._lose()
-            return self._answers.pop(number, None)
+    def append(self, uid: str, method: str, **fields: Any) -> None:
+        """Write a request on a run down. A full disk is told once; training goes on."""
+        if self.journal is None:
+            return
+        try:
+            self.journal.append({"run": uid, "do": method, "at": now(), **fields})
+        except OSError as error:
+            self._tell("journal", f"not everything goes to MLflow: {self.journal.path}: {error}")
+
+    def run_id(self, uid: str) -> str | None:
+        """MLflow's id of a run if the store tells it in time, or its local id; None without tracking."""
+        if self.journal is None or self.process is None:
+            return None
+        known = self.process.run_ids
+        if uid not in known:
+            self.process.ask()
+            self.process.wait(lambda: uid in known)
+        return known.get(uid, LOCAL + uid)
 
     def close(self) -> None:
-        """Let the process go once nobody uses it; runs that are not finished count as killed."""
-        self.users -= 1
-        if self._enabled and self.users == 0:
-            self._lost = True
-            self._connection.close()
-            self._process.wait()
+        """Wait for the store once nobody records any more; runs that are not finished count as killed.
 
-    def _lose(self) -> None:
-        if not self._lost:
-            self._lost = True
-            Console(stderr=True).print("warning: the process of MLflow ended; going on without", soft_wrap=True)
+        The process sends the rest alone, as long as the store answers.
+        """
+        self.users -= 1
+        if self.journal is None or self.process is None or self.users > 0:
+            return
+        self.journal.close()
+        self.process.end()
+        self.process.wait(lambda: False, last=True)
+        if self.journal.path.exists():
+            self._tell(
+                "rest",
+                f"MLflow at {redacted(self.uri)} does not have everything yet; kept in {self.journal.path}: "
+                f"python -m romgrl stage=sync paths.outputs={self._outputs} brings the rest",
+            )
+
+    def _away(self, reason: str) -> None:
+        self._tell("away", f"MLflow at {redacted(self.uri)} failed ({redacted(reason)}); going on, everything is kept")
+
+    def _tell(self, topic: str, text: str) -> None:
+        if topic not in self._told:
+            self._told.add(topic)
+            warn(text)
 
 
 open_recorders: dict[tuple[str, str, Path, bool], Recorder] = {}
@@ -120,43 +160,65 @@ def open_recorder(uri: str | None, experiment: str, outputs: Path, *, enabled: b
     """A recorder of a store, in `outputs` where `uri` is None; the jobs of a sweep use the one of the sweep."""
     settings = (uri or default_uri(outputs), experiment, outputs, enabled)
     recorder = open_recorders.get(settings)
-    if recorder is None or recorder.users == 0:
+    if recorder is None or recorder.users == 0 or recorder.lost:
         recorder = open_recorders[settings] = Recorder(*settings[:3], enabled=enabled)
     else:
         recorder.users += 1
+        if recorder.process is not None:
+            recorder.process.renew()
     return recorder
 
 
 class RecordedRun:
-    """One run. All is done in the order of the calls; only `run_id`, `artifacts` and `finish` wait for it."""
+    """One run. All is done in the order of the calls; only `run_id` may wait."""
 
-    def __init__(self, recorder: Recorder, number: int) -> None:
-        self.number = number
+    def __init__(self, recorder: Recorder, uid: str) -> None:
+        self.local_id = LOCAL + uid
+        self._uid = uid
         self._recorder = recorder
-        self._run_id: str | None = None
-        self._asked = self._finished = False
+        self._finished = False
 
     @property
     def run_id(self) -> str | None:
-        """MLflow's id of the run; None without tracking."""
-        if not self._asked:
-            self._asked, self._run_id = True, self._recorder.answer(self.number)
-        return self._run_id
+        """MLflow's id of the run; `local:...` while the store has not told it; None without tracking."""
+        return self._recorder.run_id(self._uid)
+
+    def request(self, method: str, **fields: Any) -> None:
+        """Write a request on this run down."""
+        self._recorder.append(self._uid, method, **fields)
 
     def tags(self, tags: Mapping[str, str]) -> None:
         """Set tags."""
-        self._recorder.send("tags", self.number, dict(tags))
+        self.request("tags", tags=dict(tags))
 
     def metrics(self, values: Mapping[str, float], step: int) -> None:
         """Record numbers at a step."""
-        self._recorder.send("metrics", self.number, dict(values), step, at=now())
+        self.request("metrics", values={name: float(value) for name, value in values.items()}, step=int(step))
 
     def artifacts(self, directory: Path) -> None:
-        """Copy every file of a directory to the run."""
-        self._recorder.answer(self._recorder.send("artifacts", self.number, directory))
+        """Copy every file of a directory to the run, some time later: it must stay where it is."""
+        self.request("artifacts", directory=str(directory))
 
     def finish(self, status: str = "FINISHED") -> None:
         """Close the run once all is stored: FINISHED, FAILED or KILLED."""
         if not self._finished:
             self._finished = True
-            self._recorder.answer(self._recorder.send("finish", self.number, status))
+            self.request("finish", status=status)
+
+
+def sync(uri: str | None, outputs: Path) -> list[str]:
+    """Bring what earlier jobs could not to `uri`, or to the store of each where it is None; returns a line per run.
+
+    Raises TrackingError if something is left.
+    """
+    if not journal_directory(outputs).is_dir():
+        return ["nothing is left to bring to MLflow"]
+    settings = {"uri": uri, "outputs": outputs, "journal": None}
+    process = TrackingProcess(settings, uri=uri, log=journal_directory(outputs) / LOG)
+    try:
+        process.join()
+    finally:
+        process.kill()
+    if process.failure is not None:
+        raise TrackingError("\n".join([*process.texts, redacted(process.failure)]))
+    return process.texts or ["nothing is left to bring to MLflow"]

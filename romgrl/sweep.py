@@ -59,11 +59,15 @@ class SweepCallback(Callback):
         overrides = [*config.hydra.overrides.task]
         name = "sweep " + " ".join(overrides) if overrides else f"sweep {config.hydra.job.config_name}"
         self._run = self._recorder.start(name, tags={"stage": "sweep"}, params={"jobs": len(sweep_jobs(config))})
-        atexit.register(self._run.finish, "KILLED")
-        os.environ[PARENT_VARIABLE] = self._run.run_id or ""
+        atexit.register(self._end, "KILLED")
+        os.environ[PARENT_VARIABLE] = self._run.local_id if tracking.enabled else ""
 
     def on_multirun_end(self, config: DictConfig, **kwargs: Any) -> None:
         """Close the parent run."""
-        self._run.finish("FINISHED")
-        self._recorder.close()
+        self._end("FINISHED")
         os.environ.pop(PARENT_VARIABLE, None)
+
+    def _end(self, status: str) -> None:
+        atexit.unregister(self._end)
+        self._run.finish(status)
+        self._recorder.close()

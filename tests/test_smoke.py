@@ -194,7 +194,7 @@ def test_runs_in_mlflow(smoke: dict[str, Any]) -> None:
         assert "manifest.json" in logged
     assert "critic_loss" in runs["student"].data.metrics
     assert "student/mean_speed_m_per_s" in runs["job"].data.metrics
-    assert f"mlflow ui --backend-store-uri {uri}\n" in smoke["text"]
+    assert f"mlflow ui --backend-store-uri {uri} --host 127.0.0.1\n" in smoke["text"]
 
 
 def test_second_run_makes_nothing(smoke: dict[str, Any]) -> None:

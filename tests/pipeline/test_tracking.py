@@ -16,14 +16,19 @@ from rich.console import Console
 
 from romgrl import pipeline
 from romgrl.config import STAGES, Config
-from romgrl.recorder import default_uri, open_recorder
-from romgrl.tracking import PARENT_TAG, Tracker
+from romgrl.recorder import default_uri, open_recorder, sync
+from romgrl.tracking.store import PARENT_TAG, Store
 from tests.pipeline.conftest import ROOT, Command, start
 
 
 def all_runs(outputs: Path) -> list[Run]:
     client = MlflowClient(tracking_uri=default_uri(outputs))
     return list(client.search_runs([client.get_experiment_by_name("romgrl").experiment_id], max_results=1000))
+
+
+def only_run(outputs: Path) -> Run:
+    (run,) = all_runs(outputs)
+    return run
 
 
 @pytest.mark.usefixtures("fakes")
@@ -61,7 +66,7 @@ def test_one_run_per_stage_under_one_job(smoke_config: Config) -> None:
     assert (outputs / "mlartifacts").is_dir()
     text = console.file.getvalue()
     assert f"mlflow run: {student.info.run_id}\n" in text
-    assert f"mlflow ui --backend-store-uri sqlite:///{outputs.resolve()}/mlflow.db\n" in text
+    assert f"mlflow ui --backend-store-uri sqlite:///{outputs.resolve()}/mlflow.db --host 127.0.0.1\n" in text
 
 
 @pytest.mark.usefixtures("fakes")
@@ -120,29 +125,23 @@ def test_four_processes_open_a_fresh_store_at_once(tmp_path: Path) -> None:
     assert store[18:20] == b"\x02\x02"  # file format of the SQLite header: write-ahead log
 
 
-def test_a_store_that_fails_is_told_once_and_survived(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_store_that_fails_is_told_and_nothing_is_lost(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "mlflow.db").write_text("this is not a database")
-    tracker = Tracker(uri=default_uri(tmp_path), experiment="romgrl", outputs=tmp_path)
-    run = tracker.start("x", tags={}, params={"a": 1})
+    recorder = open_recorder(None, "romgrl", tmp_path, enabled=True)
+    run = recorder.start("x", tags={}, params={"a": 1})
     run.metrics({"m": 1.0}, 1)
-    run.artifacts(tmp_path)
     run.finish()
-    assert run.run_id is None
-    assert capsys.readouterr().err.count("warning: MLflow at ") == 1
-
-
-def test_a_store_that_fails_in_mid_training(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    tracker = Tracker(uri=default_uri(tmp_path), experiment="romgrl", outputs=tmp_path)
-    run = tracker.start("x", tags={})
-    for name in ("mlflow.db", "mlflow.db-wal", "mlflow.db-shm"):
-        (tmp_path / name).unlink(missing_ok=True)
-    (tmp_path / "mlflow.db").mkdir()
-    tracker.client._tracking_client.store.engine.dispose()
-    for step in range(5):
-        run.metrics({"m": 1.0}, step)
-    run.artifacts(tmp_path)
-    run.finish()
-    assert capsys.readouterr().err.count("warning: MLflow at ") == 1
+    assert run.run_id == run.local_id
+    recorder.close()
+    errors = capsys.readouterr().err
+    assert errors.count("warning: MLflow at ") == 2
+    assert errors.count("is not a database); going on, everything is kept") == 1
+    assert errors.count("does not have everything yet; kept in ") == 1
+    (tmp_path / "mlflow.db").unlink()
+    assert sync(None, tmp_path) == [
+        f"{run.local_id} is {only_run(tmp_path).info.run_id}: 1 params, 1 metrics, FINISHED"
+    ]
+    assert only_run(tmp_path).data.metrics == {"m": 1.0}
 
 
 def test_the_sender_does_not_wait(tmp_path: Path) -> None:
@@ -164,7 +163,7 @@ def test_the_sender_does_not_wait(tmp_path: Path) -> None:
 
 
 def test_a_pipeline_that_is_killed_leaves_no_run_open(tmp_path: Path) -> None:
-    Tracker(uri=default_uri(tmp_path), experiment="romgrl", outputs=tmp_path)
+    Store(default_uri(tmp_path), tmp_path).experiment_id("romgrl")
     job = start("experiment=smoke", "stage=teacher", f"paths.outputs={tmp_path}", FAKE_SECONDS="60")
     wait_for_runs(tmp_path, {"job": "RUNNING", "teacher": "RUNNING"})
     job.kill()
@@ -180,19 +179,28 @@ def wait_for_runs(outputs: Path, status: Mapping[str, str]) -> None:
         time.sleep(0.2)
 
 
-def test_a_process_of_mlflow_that_dies_is_told_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_process_of_mlflow_that_dies_costs_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     recorder = open_recorder(None, "romgrl", tmp_path, enabled=True)
     job = recorder.start("job", tags={})
-    assert job.run_id is not None
-    recorder._process.kill()
+    run_id = job.run_id
+    assert recorder.process is not None
+    recorder.process.kill()
     run = recorder.start("stage", parent=job, tags={})
     for step in range(3):
         run.metrics({"m": 1.0}, step)
-    run.artifacts(tmp_path)
     run.finish()
+    job.finish()
     recorder.close()
-    assert run.run_id is None
-    assert capsys.readouterr().err == "warning: the process of MLflow ended; going on without\n"
+    assert run.run_id == run.local_id
+    errors = capsys.readouterr().err
+    assert errors.count("its process ended with -9") == 1
+    assert errors.count("stage=sync") == 1
+    sync(None, tmp_path)
+    runs = {stored.info.run_name: stored for stored in all_runs(tmp_path)}
+    assert len(all_runs(tmp_path)) == 2
+    assert runs["job"].info.run_id == run_id
+    assert runs["stage"].data.tags[PARENT_TAG] == run_id
+    assert {stored.info.status for stored in runs.values()} == {"FINISHED"}
 
 
 def test_jobs_of_a_sweep_share_a_process(tmp_path: Path) -> None:

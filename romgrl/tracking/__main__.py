@@ -1,0 +1,214 @@
+"""The process of MLflow: it sends the journal of its job, then those that earlier jobs left, or all of them for a sync.
+
+Tracking never costs a training: what fails is told and tried again, and stays in the journal until the store has it.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import threading
+import time
+from collections.abc import Mapping
+from contextlib import closing, suppress
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+from romgrl.journal import HIDDEN, BusyError, JournalError, Outbox, journal_directory, journals, redacted
+from romgrl.recorder import LOCAL, default_uri
+from romgrl.tracking.sender import ParentError, Sender
+from romgrl.tracking.store import FAILURES, RefusedError, Store, first_line
+
+POLL_SECONDS = 1.0  # between two looks into the journal
+RETRY_SECONDS = 5.0  # between two tries of a store that is away
+BEAT_SECONDS = 0.25
+MOMENT = 0.01
+DETACHED_SECONDS = 600.0  # that the process goes on after its job, while the store answers
+
+
+class Link:
+    """The pipe to the pipeline, which may be gone. A beat says: at work, and not waiting for anybody."""
+
+    def __init__(self, connection: Connection) -> None:
+        self.at_work = True
+        self.store: Store | None = None
+        self._connection = connection
+        self._sending = threading.Lock()
+        threading.Thread(target=self._beat, name="beat", daemon=True).start()
+
+    def say(self, *message: str) -> None:
+        """Send a message."""
+        with self._sending, suppress(OSError):
+            self._connection.send(message)
+
+    def hear(self, seconds: float) -> bool:
+        """Wait for a word of the pipeline; True once it has no more to say or is gone."""
+        try:
+            return self._connection.poll(seconds) and self._connection.recv() == "end"
+        except (EOFError, OSError):
+            return True
+
+    def _beat(self) -> None:
+        while True:
+            if self.at_work and (self.store is None or self.store.on_disk or not self.store.asking):
+                self.say("beat")
+            time.sleep(BEAT_SECONDS)
+
+
+class Live:
+    """The journal of a live job, and those that earlier ones left for the same store."""
+
+    def __init__(self, link: Link, outbox: Outbox, *, uri: str, outputs: Path) -> None:
+        self.link, self.outputs = link, outputs
+        self.store = link.store = Store(uri, outputs, answered=lambda: link.say("answered"))
+        self.known: dict[str, str] = {}
+        self._own = Sender(outbox, self.store, self.known)
+        self._told: set[str] = set()
+        self._looked_at: set[Path] = {outbox.path}
+
+    def serve(self) -> None:
+        """Send what there is until the job has ended and the store has all, or does not answer any more."""
+        while not self.link.hear(self.attempt(ended=False) or MOMENT):
+            pass
+        deadline = time.monotonic() + DETACHED_SECONDS
+        while (seconds := self.attempt(ended=True)) is not None and time.monotonic() < deadline:
+            time.sleep(seconds)
+        with suppress(*FAILURES):
+            self.store.close()
+
+    def attempt(self, *, ended: bool) -> float | None:
+        """Send a piece, and tell how long to wait before the next; None where a job that has ended can go."""
+        try:
+            moved = self.step(ended=ended)
+            self.link.at_work = True
+            return MOMENT if moved else None if ended else POLL_SECONDS
+        except ParentError:
+            self.link.at_work = False
+            return POLL_SECONDS
+        except (*FAILURES, RefusedError) as error:
+            self.link.say("away", redacted(first_line(error)))
+            return None if ended else RETRY_SECONDS
+
+    def step(self, *, ended: bool) -> bool:
+        """Send a piece; False if there is no more to send."""
+        moved = self._own.step()
+        for uid in self._own.starts.keys() & self.known.keys() - self._told:
+            self._told.add(uid)
+            self.link.say("run", uid, self.known[uid])
+        if ended:
+            return not self._own.end()
+        return moved or self.send_older()
+
+    def send_older(self) -> bool:
+        """Send some of a journal that an earlier job left for the same store; False if there is none."""
+        for path in journals(self.outputs):
+            if path not in self._looked_at:
+                self._looked_at.add(path)
+                with suppress(BusyError, JournalError, ParentError, RefusedError), closing(Outbox(path)) as outbox:
+                    if (outbox.uri or default_uri(self.outputs)) == redacted(self.store.uri):
+                        if self.send(Sender(outbox, self.store, self.known)):
+                            self._looked_at.remove(path)
+                        return True
+        return False
+
+    def send(self, older: Sender) -> bool:
+        """Send an older journal until the own one has news; True if something is left."""
+        while older.step():
+            if self._own.left:
+                return True
+        older.end()
+        return False
+
+
+def own_outbox(path: Path) -> Outbox | None:
+    """The outbox of the own journal, once no other process sends it; None if that one has sent it to its end."""
+    while path.exists():
+        try:
+            return Outbox(path)
+        except BusyError:
+            time.sleep(POLL_SECONDS)
+    return None
+
+
+class Sync:
+    """All journals of an output directory, to `uri` or to the store of each."""
+
+    def __init__(self, link: Link, *, uri: str | None, outputs: Path) -> None:
+        self.link, self.uri, self.outputs = link, uri, outputs
+        self._stores: dict[str, Store] = {}
+        self._known: dict[str, dict[str, str]] = {}
+        self._away: dict[str, str] = {}
+
+    def run(self) -> None:
+        """Send what no other process is sending, and say what was brought and what is left."""
+        for path in journals(self.outputs):
+            try:
+                with closing(Outbox(path)) as outbox:
+                    self.send(outbox, self.uri or outbox.uri or default_uri(self.outputs))
+            except BusyError as error:
+                self.link.say("text", f"{path.name} {error}")
+            except JournalError as error:
+                self.link.say("failure", str(error))
+        for uri, store in self._stores.items():
+            if uri not in self._away:
+                store.close()
+        for uri, reason in self._away.items():
+            where = journal_directory(self.outputs)
+            self.link.say("failure", redacted(f"MLflow at {uri}: {reason}; what is left stays in {where}"))
+
+    def send(self, outbox: Outbox, uri: str) -> None:
+        """Send one journal, unless its store was away before."""
+        if HIDDEN in uri:
+            self._away[uri] = "the journal does not have its password; give tracking.uri"
+        if uri in self._away:
+            return
+        store = self._stores.setdefault(uri, Store(uri, self.outputs))
+        sender = Sender(outbox, store, self._known.setdefault(uri, {}))
+        try:
+            while sender.step():
+                pass
+            sender.end()
+        except ParentError as error:
+            self.link.say("failure", f"{outbox.path.name}: {error}")
+        except (*FAILURES, RefusedError) as error:
+            self._away[uri] = first_line(error)
+        finally:
+            report(self.link, sender)
+
+
+def report(link: Link, sender: Sender) -> None:
+    """Say what was brought of each run."""
+    for uid, counts in sender.counts.items():
+        if uid in sender.known:
+            brought = ", ".join(f"{number} {name}" for name, number in counts.items() if number) or "no news"
+            status = sender.statuses.get(uid, "still running")
+            link.say("text", f"{LOCAL}{uid} is {sender.known[uid]}: {brought}, {status}")
+    for line in sender.refused:
+        link.say("text", f"refused by MLflow: {line}")
+    if sender.outbox.unreadable:
+        link.say("text", f"{sender.outbox.path}: {sender.outbox.unreadable} lines cannot be read")
+
+
+def serve(connection: Connection) -> None:
+    """Do what the settings that come over the pipe ask for."""
+    link = Link(connection)
+    settings: Mapping[str, Any] = connection.recv()
+    uri, outputs, journal = (settings[name] for name in ("uri", "outputs", "journal"))
+    if journal is None:
+        Sync(link, uri=uri, outputs=outputs).run()
+    elif (outbox := own_outbox(journal)) is not None:
+        Live(link, outbox, uri=uri, outputs=outputs).serve()
+
+
+def main() -> None:
+    """Serve the pipe whose file descriptor is the only argument; signals are the pipeline's to answer."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)
+    serve(Connection(int(sys.argv[1])))
+    os._exit(0)  # all is stored; taking MLflow apart would be half a second for nothing
+
+
+if __name__ == "__main__":
+    main()

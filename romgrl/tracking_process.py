@@ -1,0 +1,156 @@
+"""The process of MLflow as the pipeline sees it: it starts, says what it does, and is waited for with patience."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import threading
+import time
+import urllib.error
+import urllib.request
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from http.client import HTTPException
+from multiprocessing import Pipe
+from pathlib import Path
+from typing import Any
+
+BLOCKED_SECONDS = 5.0  # that one job waits in all for a store that does not answer
+ANSWER_SECONDS = 1.0  # a store that answers within this time works, and waiting for it does not count
+START_SECONDS = 60.0  # that the process may need to start, which is not the store's fault
+TICK_SECONDS = 0.1
+NICENESS = 10  # of the process: a training on the same cores goes first
+
+
+class TrackingProcess:
+    """Runs `python -m romgrl.tracking`. Threads may wait at the same time."""
+
+    def __init__(
+        self,
+        settings: Mapping[str, Any],
+        *,
+        uri: str | None,
+        log: Path,
+        away: Callable[[str], None] = lambda reason: None,
+    ) -> None:
+        self.run_ids: dict[str, str] = {}  # MLflow's, by local id
+        self.texts: list[str] = []
+        self.failure: str | None = None
+        self.reason: str | None = None  # why the store is away
+        self.alive = True
+        self._away = away
+        self._log = log
+        self._changed = threading.Condition()
+        self._connection, remote = Pipe()
+        with log.open("ab") as output:
+            self._process = subprocess.Popen(
+                [sys.executable, "-m", "romgrl.tracking", str(remote.fileno())],
+                pass_fds=[remote.fileno()],
+                stdin=subprocess.DEVNULL,
+                stdout=output,  # not the job's, whose reader would wait for a process that goes on after it
+                stderr=output,
+                start_new_session=True,  # an interrupted pipeline still has to say so
+            )
+        with suppress(ProcessLookupError):
+            os.setpriority(os.PRIO_PROCESS, self._process.pid, NICENESS)
+        remote.close()
+        self._connection.send(dict(settings))
+        self._started = self._heard = time.monotonic()
+        self._said_anything = False
+        self._in_reach = uri is None or uri.startswith("sqlite:")
+        self.renew()
+        threading.Thread(target=self._listen, name="mlflow", daemon=True).start()
+        if uri is not None and uri.startswith("http"):
+            threading.Thread(target=self._probe, args=(uri,), name="mlflow probe", daemon=True).start()
+
+    def renew(self) -> None:
+        """Another job begins: it has patience of its own."""
+        self.waited = 0.0
+
+    def ask(self) -> None:
+        """Let the process look into the journal at once."""
+        self._send("look")
+
+    def end(self) -> None:
+        """Let the process end once all is sent, or the store does not answer."""
+        self._send("end")
+
+    def wait(self, known: Callable[[], bool], *, last: bool = False) -> bool:
+        """Wait until something is known; not while the store is away, unless for a `last` try."""
+        with self._changed:
+            since = time.monotonic()  # then the wait began, or something was heard
+            while self.alive and not known() and (last or self.reason is None) and self.waited < BLOCKED_SECONDS:
+                self._changed.wait(TICK_SECONDS)
+                now = time.monotonic()
+                if self._starting(now):
+                    since = now
+                elif self._heard > since:
+                    silence, since = self._heard - since, self._heard
+                    self.waited += silence if silence > ANSWER_SECONDS else 0.0
+                elif self.waited + now - since >= BLOCKED_SECONDS:
+                    self.waited += now - since
+                    self._fail("no answer")
+            return known()
+
+    def join(self) -> None:
+        """Wait for the end of the process, however long it takes; one that ended badly failed."""
+        while self.alive:
+            with self._changed:
+                self._changed.wait(TICK_SECONDS)
+        self.failure = self.failure or self.reason
+
+    def kill(self) -> None:
+        """End the process at once; what it has not sent stays in the journal."""
+        self._process.kill()
+        self._process.wait()
+
+    def _starting(self, now: float) -> bool:
+        return self._in_reach and not self._said_anything and now - self._started < START_SECONDS
+
+    def _send(self, message: str) -> None:
+        with suppress(OSError):
+            self._connection.send(message)
+
+    def _listen(self) -> None:
+        with suppress(EOFError, OSError):
+            while True:
+                message = self._connection.recv()
+                with self._changed:
+                    self._take(*message)
+                    self._heard, self._said_anything = time.monotonic(), True
+                    self._changed.notify_all()
+        if code := self._process.wait():
+            self._fail(f"its process ended with {code}; {self._log} may say why")
+        with self._changed:
+            self.alive = False
+            self._changed.notify_all()
+
+    def _take(self, kind: str, *values: str) -> None:
+        """Take note of a message: beat, answered, run (local id, MLflow's id), away (reason), text or failure."""
+        if kind == "away":
+            self._fail(*values)
+        elif kind == "text":
+            self.texts += values
+        elif kind == "failure":
+            (self.failure,) = values
+        elif kind in ("answered", "run"):
+            self.reason = None
+        if kind == "run":
+            self.run_ids[values[0]] = values[1]
+
+    def _fail(self, reason: str) -> None:
+        self.reason = reason
+        self._away(reason)
+
+    def _probe(self, uri: str) -> None:
+        """Ask a server whether it is there while the process still starts."""
+        try:
+            urllib.request.urlopen(f"{uri.rstrip('/')}/health", timeout=BLOCKED_SECONDS).close()
+        except urllib.error.HTTPError:
+            pass  # an answer, too
+        except (OSError, HTTPException, ValueError) as error:
+            if not self._said_anything:
+                self._fail(str(error))
+            return
+        self._in_reach = True
