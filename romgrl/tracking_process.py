@@ -16,7 +16,7 @@ from multiprocessing import Pipe
 from pathlib import Path
 from typing import Any
 
-BLOCKED_SECONDS = 5.0  # that one job waits in all for a store that does not answer
+BLOCKED_SECONDS = 4.5  # that one job waits in all for a store that does not answer; with all else, 5 at most
 ANSWER_SECONDS = 1.0  # a store that answers within this time works, and waiting for it does not count
 START_SECONDS = 60.0  # that the process may need to start, which is not the store's fault
 TICK_SECONDS = 0.1

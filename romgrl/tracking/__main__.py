@@ -22,7 +22,7 @@ from romgrl.tracking.sender import ParentError, Sender
 from romgrl.tracking.store import FAILURES, RefusedError, Store, first_line
 
 POLL_SECONDS = 1.0  # between two looks into the journal
-RETRY_SECONDS = 5.0  # between two tries of a store that is away
+RETRY_SECONDS = (0.5, 8.0)  # between two tries of a store that is away: at first, and at most
 BEAT_SECONDS = 0.25
 MOMENT = 0.01
 DETACHED_SECONDS = 600.0  # that the process goes on after its job, while the store answers
@@ -66,6 +66,7 @@ class Live:
         self.known: dict[str, str] = {}
         self._own = Sender(outbox, self.store, self.known)
         self._told: set[str] = set()
+        self._retry = RETRY_SECONDS[0]
         self._looked_at: set[Path] = {outbox.path}
 
     def serve(self) -> None:
@@ -82,14 +83,15 @@ class Live:
         """Send a piece, and tell how long to wait before the next; None where a job that has ended can go."""
         try:
             moved = self.step(ended=ended)
-            self.link.at_work = True
+            self.link.at_work, self._retry = True, RETRY_SECONDS[0]
             return MOMENT if moved else None if ended else POLL_SECONDS
         except ParentError:
             self.link.at_work = False
             return POLL_SECONDS
         except (*FAILURES, RefusedError) as error:
             self.link.say("away", redacted(first_line(error)))
-            return None if ended else RETRY_SECONDS
+            seconds, self._retry = self._retry, min(2 * self._retry, RETRY_SECONDS[1])
+            return None if ended else seconds
 
     def step(self, *, ended: bool) -> bool:
         """Send a piece; False if there is no more to send."""

@@ -138,9 +138,8 @@ def test_a_store_that_fails_is_told_and_nothing_is_lost(tmp_path: Path, capsys: 
     assert errors.count("is not a database); going on, everything is kept") == 1
     assert errors.count("does not have everything yet; kept in ") == 1
     (tmp_path / "mlflow.db").unlink()
-    assert sync(None, tmp_path) == [
-        f"{run.local_id} is {only_run(tmp_path).info.run_id}: 1 params, 1 metrics, FINISHED"
-    ]
+    brought = "1 params, 1 metrics, FINISHED"
+    assert sync(None, tmp_path) == [f"{run.local_id} is {only_run(tmp_path).info.run_id}: {brought}"]
     assert only_run(tmp_path).data.metrics == {"m": 1.0}
 
 
