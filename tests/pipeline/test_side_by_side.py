@@ -19,7 +19,7 @@ from romgrl import keys, pipeline
 from romgrl.artifacts import load_tensors, open_artifact
 from romgrl.config import STAGES, Config
 from romgrl.keys import plan, share_threads, stage_key
-from romgrl.tracking import PARENT_TAG
+from romgrl.tracking.store import PARENT_TAG
 from tests.conftest import Composer
 from tests.pipeline.conftest import Command, start, trainings
 from tests.pipeline.fake_stages import wait_for
