@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -116,6 +118,39 @@ class ReplayBuffer:
         frames = _rows(self.frames, self._draw(size, rows))
         _mirror_half(frames, self.mirrors[2])
         return frames
+
+    def state(self) -> dict[str, Any]:
+        """Everything but the rows: counters, random stream, and the observation that the newest row led to."""
+        following = self.observation[self.added % self.rows]
+        return {"added": self.added, "generator": self.generator.get_state(), "following": following}
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Go on from a state, the rows of which `write_rows` has put back."""
+        self.added = state["added"]
+        self.generator.set_state(state["generator"])
+        self.observation[self.added % self.rows] = state["following"]
+
+    def read_rows(self, first: int, last: int) -> dict[str, Tensor]:
+        """Copies of the steps first ... last - 1 of all that were added; the ring must still hold them."""
+        index = torch.arange(first, last, device=self.task_reward.device) % self.rows
+        return {name: ring.index_select(0, index) for name, ring in self._rings().items()}
+
+    def write_rows(self, first: int, columns: Mapping[str, Tensor]) -> None:
+        """Put back what `read_rows` returned."""
+        for name, ring in self._rings().items():
+            rows = columns[name].to(ring.device)
+            index = torch.arange(first, first + len(rows), device=ring.device) % self.rows
+            ring.index_copy_(0, index, rows)
+
+    def _rings(self) -> dict[str, Tensor]:
+        return {
+            "observation": self.observation,
+            "action": self.action,
+            "frames": self.frames,
+            "task_reward": self.task_reward,
+            "terminated": self.terminated,
+            "truncated": self.truncated,
+        }
 
     def _draw(self, size: int, rows: int) -> Tensor:
         """Flat indices of transitions among the last `rows` rows, the truncated ones replaced by their predecessor."""

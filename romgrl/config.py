@@ -233,6 +233,7 @@ class Config:
     parallel_stages: bool = key(
         "true: with two threads or more, stages that do not need each other run side by side, with half of them each"
     )
+    checkpoint_seconds: float = key("work between two checkpoints of a training", unit="s", above=0)
     experiment: str = key("name of the preset")
     rom: Rom = field(default_factory=Rom)
     teacher: Teacher = field(default_factory=Teacher)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import signal
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
@@ -43,17 +43,19 @@ def listen(*, once: bool = False) -> None:
 
 
 @contextmanager
-def deferred() -> Iterator[Callable[[], None]]:
-    """Keep signals back while the block runs; it calls the function it gets wherever it can be interrupted.
-
-    The call raises Interrupted if a signal has come. A second signal does not wait for it.
-    """
+def deferred() -> Iterator[None]:
+    """Keep the first signal back while the block runs, for `check` to raise; a second one does not wait for it."""
     global _deferring
     _deferring = True
     try:
-        yield check
+        yield
     finally:
         _deferring = False
+
+
+def pending() -> bool:
+    """Tell whether a signal has come."""
+    return _pending is not None
 
 
 def check() -> None:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import torch
 from torch import Tensor
 
@@ -38,6 +41,19 @@ class RunningNormalizer:
     def apply_(self, observation: Tensor) -> Tensor:
         """Standardise in place (B, size)."""
         return observation.sub_(self._shift).mul_(self._scale) if self.enabled else observation
+
+    def state(self) -> dict[str, Tensor | int]:
+        """Everything that `restore` needs."""
+        return {"count": self.count, **self._tensors()}
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Go on from a state."""
+        self.count = state["count"]
+        for name, tensor in self._tensors().items():
+            tensor.copy_(state[name])
+
+    def _tensors(self) -> dict[str, Tensor]:
+        return {"mean": self.mean, "square": self.square, "shift": self._shift, "scale": self._scale}
 
     def mean_and_scale(self) -> tuple[Tensor, Tensor]:
         """Shift and scale as they are now: (observation - mean) * scale."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Protocol
@@ -27,6 +27,9 @@ class StageLog(Protocol):
     def metrics(self, values: Mapping[str, float], step: int) -> None:
         """Record numbers at `step`: one row of curve.csv, and the tracker."""
 
+    def resumed(self, step: int) -> None:
+        """Go on after `step`: later rows of curve.csv are cut, and what the tracker has is not sent again."""
+
     def message(self, text: str) -> None:
         """Print one line without disturbing the bar."""
 
@@ -41,7 +44,7 @@ def format_duration(seconds: float) -> str:
 class Curve:
     """curve.csv: `step` and one column per metric; a metric that appears later widens the table.
 
-    A file that is already there is continued, rows from `step` on are the caller's to cut.
+    A file that is already there is continued.
     """
 
     def __init__(self, path: Path) -> None:
@@ -60,14 +63,31 @@ class Curve:
         with self._path.open("a", newline="") as file:
             csv.writer(file).writerow([row.get(column, "") for column in self._columns])
 
+    def cut(self, step: int) -> int:
+        """Drop the rows after a step, and a last one that was not written whole; returns the last step there was."""
+        if not self._path.exists():
+            return step
+        text = self._path.read_text()
+        lines = list(csv.reader(text[: text.rfind("\n") + 1].splitlines()))
+        kept = [line for line in lines[1:] if int(line[0]) <= step]
+        write_rows(self._path, [self._columns, *kept])
+        return max([step, *(int(line[0]) for line in lines[1:])])
+
     def _widen(self, new: list[str]) -> None:
         rows: list[list[str]] = []
         if self._path.exists():
             with self._path.open(newline="") as file:
                 rows = list(csv.reader(file))[1:]
         self._columns += new
-        with self._path.open("w", newline="") as file:
-            csv.writer(file).writerows([self._columns, *([*row, *[""] * len(new)] for row in rows)])
+        write_rows(self._path, [self._columns, *([*row, *[""] * len(new)] for row in rows)])
+
+
+def write_rows(path: Path, rows: Iterable[Sequence[str]]) -> None:
+    """Write a table whole or not at all."""
+    temporary = path.with_name(f".{path.name}")
+    with temporary.open("w", newline="") as file:
+        csv.writer(file).writerows(rows)
+    temporary.replace(path)
 
 
 def make_bars(console: Console) -> Progress:
@@ -100,6 +120,7 @@ class TerminalLog:
         self._sink = sink
         self._start = self._last_plain = time.monotonic()
         self._first_step: int | None = None
+        self._recorded = -1  # the last step that an earlier attempt recorded
         self._task: TaskID | None = None
 
     def __enter__(self) -> TerminalLog:
@@ -134,8 +155,11 @@ class TerminalLog:
     def metrics(self, values: Mapping[str, float], step: int) -> None:
         row = {name: float(value) for name, value in values.items()}
         self._curve.append(row, step)
-        if self._sink is not None:
+        if self._sink is not None and step > self._recorded:
             self._sink(row, step)
+
+    def resumed(self, step: int) -> None:
+        self._recorded = self._curve.cut(step)
 
     def message(self, text: str) -> None:
         self._console.print(f"{self._stage}: {text}", soft_wrap=True, markup=False, highlight=False)
@@ -153,6 +177,9 @@ class SilentLog:
 
     def metrics(self, values: Mapping[str, float], step: int) -> None:
         self.rows.append((step, dict(values)))
+
+    def resumed(self, step: int) -> None:
+        self.rows = [row for row in self.rows if row[0] <= step]
 
     def message(self, text: str) -> None:
         self.messages.append(text)

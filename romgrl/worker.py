@@ -140,6 +140,9 @@ class PipeLog:
     def metrics(self, values: Mapping[str, float], step: int) -> None:
         self._connection.send(("metrics", ({name: float(value) for name, value in values.items()}, step), {}))
 
+    def resumed(self, step: int) -> None:
+        self._connection.send(("resumed", (step,), {}))
+
     def message(self, text: str) -> None:
         self._connection.send(("message", (text,), {}))
 

@@ -8,8 +8,7 @@ import shutil
 from pathlib import Path
 
 from romgrl.artifacts import MANIFEST
-
-CHECKPOINT = "checkpoint"
+from romgrl.checkpoint import CHECKPOINT
 
 
 class Workspace:

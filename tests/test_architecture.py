@@ -40,7 +40,7 @@ ALLOWED = {
     "keys": {"config", "provenance", "sources", "validation"},
     "sources": set(),
     "locks": set(),
-    "workspace": {"artifacts"},
+    "workspace": {"artifacts", "checkpoint"},
     "provenance": set(),
     "summary": set(),
     "journal": set(),

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
+
+from romgrl.algorithms.state import optimizer_state, put_all, restore_optimizer
 
 
 def discriminator_loss(real_logits: Tensor, fake_logits: Tensor, label_smoothing: float) -> Tensor:
@@ -107,6 +110,29 @@ class Discriminator:
             "discriminator_gradient_norm": gradient_norm,
             "discriminator_validation_loss": self._validate(fake),
         }
+
+    def state(self) -> dict[str, Any]:
+        """Everything that `restore` needs; dropout draws from torch's own generator."""
+        return {
+            "updates": self.updates,
+            "stopped": self.stopped,
+            "generator": self.generator.get_state(),
+            "dropout": torch.get_rng_state(),
+            "tensors": self._tensors(),
+            "optimizer": optimizer_state(self.optimizer),
+        }
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Go on from a state."""
+        self.updates, self.stopped = state["updates"], state["stopped"]
+        self.generator.set_state(state["generator"])
+        torch.set_rng_state(state["dropout"])
+        put_all(self._tensors(), state["tensors"])
+        restore_optimizer(self.optimizer, state.get("optimizer", {}))
+
+    def _tensors(self) -> dict[str, Tensor]:
+        validation = {"best_validation": self.best_validation, "stale_updates": self.stale_updates}
+        return validation | dict(self.network.state_dict())
 
     @torch.no_grad()
     def _validate(self, fake: Tensor) -> Tensor:

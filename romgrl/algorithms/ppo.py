@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -16,6 +16,7 @@ from torch import Tensor, nn
 
 from romgrl.algorithms.mlp_gradients import MLPGradients, flatten
 from romgrl.algorithms.rollout import Rollout, compute_gae
+from romgrl.algorithms.state import optimizer_state, put, restore_optimizer
 from romgrl.artifacts import load_tensors, save_tensors
 from romgrl.lanes import start
 from romgrl.networks import initialise_orthogonal, mirror, mlp
@@ -91,10 +92,10 @@ class PPO:
         initialise_orthogonal(self.value, output_gain=1.0)
         self.log_std = nn.Parameter(torch.full((action_size,), float(initial_log_std), device=device))
         self.parameters = [*self.policy.parameters(), *self.value.parameters(), self.log_std]
-        weights, self.gradient = flatten(self.parameters)
+        self.weights, self.gradient = flatten(self.parameters)
         self.policy_gradients, self.value_gradients = MLPGradients(self.policy), MLPGradients(self.value)
         self.learning_rate, self.lane = learning_rate, lane
-        self.optimizer = torch.optim.Adam([weights], lr=learning_rate, eps=1e-5, fused=True)
+        self.optimizer = torch.optim.Adam([self.weights], lr=learning_rate, eps=1e-5, fused=True)
         self.gamma, self.gae_lambda, self.clip_ratio = gamma, gae_lambda, clip_ratio
         self.epochs, self.minibatch_size = epochs, minibatch_size
         self.value_coefficient, self.entropy_coefficient = value_coefficient, entropy_coefficient
@@ -136,6 +137,17 @@ class PPO:
             "action_std": self.log_std.exp().mean(),
         }
         return {name: float(value) for name, value in losses.items()}
+
+    def state(self) -> dict[str, Any]:
+        """Everything that `restore` needs."""
+        generator, optimizer = self.generator.get_state(), optimizer_state(self.optimizer)
+        return {"weights": self.weights, "generator": generator, "optimizer": optimizer}
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Go on from a state."""
+        put("weights", self.weights, state["weights"])
+        self.generator.set_state(state["generator"])
+        restore_optimizer(self.optimizer, state.get("optimizer", {}))
 
     def _advantages(self, rollout: Rollout) -> tuple[Tensor, Tensor]:
         """Advantages and returns, (T, N) each, of a rollout under the present value network."""

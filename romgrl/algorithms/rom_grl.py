@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from torch import Tensor
 
@@ -69,6 +70,23 @@ class RomGrl:
             counts["discriminator_updates"] = float(self.discriminator.updates)
             counts["discriminator_stopped"] = float(self.discriminator.stopped)
         return counts
+
+    def state(self) -> dict[str, Any]:
+        """Everything that `restore` needs, but the rows of the buffer."""
+        judge = {"discriminator": self.discriminator.state()} if self.discriminator is not None else {}
+        own = {"stop_seen": self.stop_seen, "discriminator_due": self.discriminator_due}
+        return own | {name: part.state() for name, part in self._parts().items()} | judge
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Go on from a state."""
+        self.stop_seen, self.discriminator_due = state["stop_seen"], state["discriminator_due"]
+        for name, part in self._parts().items():
+            part.restore(state[name])
+        if self.discriminator is not None:
+            self.discriminator.restore(state["discriminator"])
+
+    def _parts(self) -> dict[str, SAC | ReplayBuffer | RunningNormalizer]:
+        return {"sac": self.sac, "buffer": self.buffer, "normalizer": self.normalizer}
 
     def just_stopped(self) -> bool:
         """True once, at the first call after the discriminator stopped."""

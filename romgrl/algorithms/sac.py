@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,7 @@ from torch import Tensor
 
 from romgrl.algorithms import squashed_gaussian
 from romgrl.algorithms.stacked_mlp import StackedMLP, Tape
+from romgrl.algorithms.state import optimizer_state, put_all, restore_optimizer
 from romgrl.artifacts import load_tensors, save_tensors
 from romgrl.buffers import Batch
 from romgrl.lanes import start
@@ -106,6 +107,28 @@ class SAC:
         self.target.flat.lerp_(self.critic.flat, self.tau)
         self.updates += 1
         return metrics
+
+    def state(self) -> dict[str, Any]:
+        """Everything that `restore` needs."""
+        return {
+            "updates": self.updates,
+            "generator": self.generator.get_state(),
+            "tensors": self._tensors(),
+            "policy_optimizer": optimizer_state(self.policy_optimizer),
+            "critic_optimizer": optimizer_state(self.critic_optimizer),
+        }
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Go on from a state."""
+        self.updates = state["updates"]
+        self.generator.set_state(state["generator"])
+        put_all(self._tensors(), state["tensors"])
+        restore_optimizer(self.policy_optimizer, state.get("policy_optimizer", {}))
+        restore_optimizer(self.critic_optimizer, state.get("critic_optimizer", {}))
+
+    def _tensors(self) -> dict[str, Tensor]:
+        networks = {"policy": self.policy, "average": self.average, "critic": self.critic, "target": self.target}
+        return {"log_temperature": self.log_temperature} | {name: part.flat for name, part in networks.items()}
 
     def bellman_target(self, batch: Batch, reward: Tensor, following: squashed_gaussian.Sample) -> Tensor:
         """y = r + gamma (1 - terminated) (Q'(s', a') - alpha log pi(a'|s')), (B,), with a' from `following`."""

@@ -5,6 +5,9 @@ A frame is the five features of the contract (romgrl.gait.features), with the tr
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -36,6 +39,14 @@ class FrameWindows:
         self.frames[:, :-1] = self.frames[:, 1:]
         self.frames[:, -1] = frame
         return self.frames.reshape(len(self.frames), -1)
+
+    def state(self) -> dict[str, Float32]:
+        """Everything that `restore` needs."""
+        return {"frames": self.frames}
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Go on from a state."""
+        self.frames[:] = state["frames"]
 
 
 def reference_windows(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, Unpack
 
 import gymnasium as gym
@@ -147,6 +148,24 @@ class PlanarHumanoidVectorEnv(VectorEnv[Float32, Float32, Any]):
             raise ValueError(f"states must have shape {(self.num_envs, self.model.nq + self.model.nv)}")
         self._place(np.arange(self.num_envs), *np.split(states, [self.model.nq], axis=1))
         return self._observer(self._qpos, self._qvel)[0]
+
+    def state(self) -> dict[str, Any]:
+        """All that the next steps depend on, for `restore`: MuJoCo's integration states, counters, random stream."""
+        return {
+            "states": self._batch.state,
+            "warnings": self._warnings,
+            "elapsed": self._elapsed,
+            "diverged_count": self.diverged_count,
+            "generator": self._generator.bit_generator.state,
+        }
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Go on from a state; the observation is the one that was last returned before it."""
+        self._batch.state[:] = state["states"]
+        self._warnings[:] = state["warnings"]
+        self._elapsed[:] = state["elapsed"]
+        self.diverged_count = state["diverged_count"]
+        self._generator.bit_generator.state = state["generator"]
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """One picture (480, 640, 3) per humanoid, from the side."""

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,18 +15,21 @@ from torch import Tensor
 
 from romgrl.algorithms.discriminator import Discriminator
 from romgrl.algorithms.rom_grl import RomGrl
-from romgrl.algorithms.sac import SAC, save_policy
+from romgrl.algorithms.sac import SAC, Metrics, save_policy
 from romgrl.artifacts import load_arrays
 from romgrl.buffers import Mirror, ReplayBuffer
+from romgrl.checkpoint import State
 from romgrl.config import Config
 from romgrl.errors import DivergenceError
 from romgrl.gait.windows import FrameWindows, reference_windows, window_mirror
 from romgrl.humanoid.observation import OBSERVATION_SIZE
 from romgrl.humanoid.skeleton import HINGES
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
+from romgrl.interruption import deferred
 from romgrl.lanes import second_lane, start
 from romgrl.normalizer import RunningNormalizer
 from romgrl.progress import StageLog
+from romgrl.stages.keeper import Keeper
 from romgrl.stages.tally import EpisodeTally
 from romgrl.stages.walkers import humanoid_env
 
@@ -35,7 +37,23 @@ ArrayMirror = tuple[NDArray[np.int64], NDArray[np.float32]]
 
 ACTION_SIZE = len(HINGES)
 LOG_INTERVAL = 4096
-CHECKPOINT_SECONDS = 60.0
+
+
+@dataclass
+class Loop:
+    """What one pass of the training loop hands to the next."""
+
+    observation: Tensor
+    due: float = 0.0  # updates, less than one
+    metrics: Metrics = field(default_factory=dict)
+
+    def state(self) -> State:
+        """Everything that `restore` needs."""
+        return dict(vars(self))
+
+    def restore(self, state: State) -> None:
+        """Go on from a state."""
+        vars(self).update(state)
 
 
 def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog) -> None:
@@ -61,10 +79,9 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
         def save() -> None:
             save_policy(output / "policy.safetensors", learner.sac, columns, *learner.normalizer.mean_and_scale())
 
-        try:
-            train(config, env, windows, learner, log, save)
-        finally:
-            save()
+        with deferred():
+            train(config, env, windows, learner, log, output, save)
+        save()
 
 
 def build_learner(
@@ -164,6 +181,7 @@ def train(
     windows: FrameWindows,
     learner: RomGrl,
     log: StageLog,
+    output: Path,
     save: Callable[[], None],
 ) -> None:
     """Act, step and learn: the physics of a step runs beside the updates, which use what was stored before it."""
@@ -172,24 +190,31 @@ def train(
     trunk = windows.frames.shape[2] == 6
     tally = EpisodeTally(env.num_envs, config.humanoid.control_frequency)
     observation, info = env.reset(seed=config.seed)
-    current = torch.from_numpy(observation).to(device)
     windows.restart(frame(info, trunk, ""))
-    due, saved = 0.0, time.monotonic()
-    metrics: dict[str, Tensor] = {}
-    for step in range(0, student.total_steps, env.num_envs):
-        action = explore(learner, current, env, random=step < student.learning_starts)
+    loop = Loop(torch.from_numpy(observation).to(device))
+    keeper = Keeper(
+        output,
+        {"loop": loop, "env": env, "windows": windows, "learner": learner, "tally": tally},
+        ring=learner.buffer,
+        save_policy=save,
+        seconds=config.checkpoint_seconds,
+        total=student.total_steps,
+        log=log,
+    )
+    for step in range(keeper.go_on(), student.total_steps, env.num_envs):
+        action = explore(learner, loop.observation, env, random=step < student.learning_starts)
         stepped = start(learner.sac.lane, env.step, action.cpu().numpy())
         if step >= student.learning_starts:
-            due += student.updates_per_step * env.num_envs
+            loop.due += student.updates_per_step * env.num_envs
             if student.learning_rate_decay:
                 learner.scale_learning_rates(min(1.0, 2 * (1 - step / student.total_steps)))
-            metrics |= learner.update(int(due)) if due >= 1 else {}
-            due -= int(due)
+            loop.metrics |= learner.update(int(loop.due)) if loop.due >= 1 else {}
+            loop.due -= int(loop.due)
         judged = learner.start_discriminator()
         observation, reward, terminated, truncated, info = stepped()
         following = torch.from_numpy(observation).to(device)
         learner.buffer.add(
-            current,
+            loop.observation,
             action,
             following,
             torch.from_numpy(reward),
@@ -201,19 +226,17 @@ def train(
         finished = terminated | truncated
         windows.restart(frame(info, trunk, "reset_"), finished)
         tally.add(info, terminated, finished)
-        current = following
-        metrics |= judged()
+        loop.observation = following
+        loop.metrics |= judged()
         done = step + env.num_envs
         if done % LOG_INTERVAL < env.num_envs or done >= student.total_steps:
-            values = {name: float(value) for name, value in metrics.items()} | tally.take()
+            values = {name: float(value) for name, value in loop.metrics.items()} | tally.take()
             check_finite(values, done)
             log.metrics(values | learner.counts(), done)
             log.progress(done, student.total_steps, speed=values["speed"], episode=values["episode_seconds"])
         if learner.just_stopped():
             log.message(f"the discriminator stopped at step {done:,}: no better on held-out windows")
-        if time.monotonic() - saved > CHECKPOINT_SECONDS:
-            save()
-            saved = time.monotonic()
+        keeper.keep(done)
 
 
 def frame(info: dict[str, NDArray[np.float32]], trunk: bool, prefix: str) -> NDArray[np.float32]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +37,15 @@ class EpisodeTally:
             self.falls += int(terminated.sum())
             self.finished_length += float(self.length[finished].sum())
             self.length[finished] = 0
+
+    def state(self) -> dict[str, Any]:
+        """Everything that `restore` needs."""
+        return dict(vars(self))
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Go on from a state."""
+        length = np.asarray(state["length"])
+        vars(self).update(state, length=length)
 
     def take(self) -> dict[str, float]:
         """Means since the last call; of the last finished episodes where none has finished since."""

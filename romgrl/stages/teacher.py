@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import csv
 import math
-import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
+from contextlib import closing
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,18 +18,20 @@ from numpy.typing import NDArray
 
 from romgrl.algorithms.ppo import PPO, DeterministicPolicy, load_policy, save_policy
 from romgrl.algorithms.rollout import Rollout
+from romgrl.checkpoint import State
 from romgrl.config import Config
 from romgrl.errors import DivergenceError
 from romgrl.gait.features import LEFT_X, RIGHT_X, Gait, until_first_fall
 from romgrl.gait.metrics import describe
+from romgrl.interruption import deferred
 from romgrl.lanes import second_lane
 from romgrl.networks import all_finite
 from romgrl.progress import StageLog
 from romgrl.rom.vector_env import SpringLegVectorEnv
+from romgrl.stages.keeper import Keeper
 from romgrl.stages.walkers import rom_env
 
 CHECK_EPISODES, CHECK_STEPS = 100, 300
-CHECKPOINT_SECONDS = 30.0
 
 
 def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog) -> None:
@@ -41,13 +44,8 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
     env = rom_env(config, num_envs=config.teacher.num_envs, episode_steps=config.teacher.episode_steps)
     with second_lane(config.threads > 1) as lane:
         ppo = build_learner(config, env, lane)
-        try:
-            train(config, env, ppo, log, save=lambda: save_policy(path, ppo))
-        except KeyboardInterrupt:
-            save_policy(path, ppo)
-            raise
-        finally:
-            env.close()
+        with closing(env), deferred():
+            train(config, env, ppo, log, output, save=lambda: save_policy(path, ppo))
     save_policy(path, ppo)
     row = describe(check_gait(config, load_policy(path)), target_speed=config.teacher.speed)
     write_row(output / "gait.csv", {"walker": "teacher", **row})
@@ -83,7 +81,26 @@ def build_learner(config: Config, env: SpringLegVectorEnv, lane: Executor | None
     )
 
 
-def train(config: Config, env: SpringLegVectorEnv, ppo: PPO, log: StageLog, save: Callable[[], None]) -> None:
+@dataclass
+class Loop:
+    """What one rollout hands to the next."""
+
+    env: SpringLegVectorEnv
+    observation: NDArray[np.float32]
+
+    def state(self) -> State:
+        """Everything that `restore` needs."""
+        return {"worlds": self.env.save(), "observation": self.observation}
+
+    def restore(self, state: State) -> None:
+        """Go on from a state."""
+        self.env.restore(np.asarray(state["worlds"]))
+        self.observation = np.asarray(state["observation"])
+
+
+def train(
+    config: Config, env: SpringLegVectorEnv, ppo: PPO, log: StageLog, output: Path, save: Callable[[], None]
+) -> None:
     """Collect a rollout, update, as often as fits into `total_steps`; DivergenceError if a number is not finite."""
     teacher = config.teacher
     rollout = Rollout(
@@ -94,20 +111,25 @@ def train(config: Config, env: SpringLegVectorEnv, ppo: PPO, log: StageLog, save
         device=config.device,
     )
     tally = EpisodeTally(env.num_envs, teacher.rollout_steps)
-    observation, _ = env.reset(seed=config.seed)
-    saved = time.monotonic()
+    loop = Loop(env, env.reset(seed=config.seed)[0])
+    keeper = Keeper(
+        output,
+        {"loop": loop, "ppo": ppo, "tally": tally},
+        save_policy=save,
+        seconds=config.checkpoint_seconds,
+        total=teacher.total_steps,
+        log=log,
+    )
     rollout_size = teacher.rollout_steps * env.num_envs
-    for done in range(rollout_size, max(teacher.total_steps, rollout_size) + 1, rollout_size):
-        observation = collect(env, ppo, rollout, observation, tally)
+    for done in range(keeper.go_on() + rollout_size, max(teacher.total_steps, rollout_size) + 1, rollout_size):
+        loop.observation = collect(env, ppo, rollout, loop.observation, tally)
         decay = 1.0 - (done - rollout_size) / teacher.total_steps if teacher.learning_rate_decay else 1.0
         losses = ppo.update(rollout, learning_rate_scale=decay)
         gait = tally.take()
         check_finite(losses, ppo, done)
         log.metrics(gait | losses, done)
         log.progress(done, teacher.total_steps, speed=gait["speed"], correlation=gait["left_right_correlation"])
-        if time.monotonic() - saved > CHECKPOINT_SECONDS:
-            save()
-            saved = time.monotonic()
+        keeper.keep(done)
 
 
 def collect(
@@ -161,6 +183,15 @@ class EpisodeTally:
             self.finished += zip(self.episode_return[done].tolist(), self.length[done].tolist(), strict=True)
             self.falls += int(terminated.sum())
             self.episode_return[done] = self.length[done] = 0.0
+
+    def state(self) -> State:
+        """Everything that `restore` needs between two rollouts."""
+        return {"episode_return": self.episode_return, "length": self.length}
+
+    def restore(self, state: State) -> None:
+        """Go on from a state."""
+        self.episode_return[:] = state["episode_return"]
+        self.length[:] = state["length"]
 
     def take(self) -> dict[str, float]:
         """Means over the rollout; `episode_return` and `episode_length` only if an episode ended in it."""

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from romgrl.checkpoint import CHECKPOINT
 from romgrl.interruption import SIGNALS
-from romgrl.workspace import CHECKPOINT
 from tests.faults.test_locks import wait_until
 from tests.pipeline.conftest import start
 

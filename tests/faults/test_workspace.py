@@ -15,10 +15,10 @@ from rich.console import Console
 
 from romgrl import job, keys, pipeline, workspace
 from romgrl.artifacts import open_artifact
+from romgrl.checkpoint import CHECKPOINT
 from romgrl.config import Config
 from romgrl.errors import DivergenceError
 from romgrl.progress import StageLog
-from romgrl.workspace import CHECKPOINT
 
 
 class Killed(BaseException):
