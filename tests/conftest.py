@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import subprocess
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -10,7 +11,7 @@ import pytest
 from hydra import compose, initialize_config_dir
 from hydra.core.global_hydra import GlobalHydra
 
-from romgrl import keys
+from romgrl import interruption, keys
 from romgrl.composition import CONF, register_schema, to_config
 from romgrl.config import Config
 from tests.pipeline import fake_stages
@@ -36,6 +37,14 @@ def compose_config() -> Iterator[Composer]:
 def smoke_config(compose_config: Composer, tmp_path: Path) -> Config:
     """The smallest configuration, on one thread, with its outputs in the test's directory."""
     return compose_config("experiment=smoke", "threads=1", f"paths.outputs={tmp_path}/outputs")
+
+
+@pytest.fixture
+def interrupt(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
+    """A function that does, whatever its arguments, what a SIGINT does."""
+    monkeypatch.setattr(interruption, "_pending", None)
+    monkeypatch.setattr(interruption, "_once", False)
+    return lambda *_, **__: interruption._answer(signal.SIGINT, None)
 
 
 @pytest.fixture

@@ -25,6 +25,7 @@ from romgrl.validation import schema_keys
 from tests.conftest import Composer
 
 FREE = {
+    "checkpoint_seconds",
     "device",
     "threads",
     "parallel_stages",

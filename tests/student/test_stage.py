@@ -1,5 +1,6 @@
 """The student stage: same seed, same weights; what it logs; what it refuses."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -86,11 +87,8 @@ def test_the_baseline_knows_no_discriminator(configuration: Composer, tmp_path: 
 
 
 def test_an_interrupted_training_leaves_its_policy(
-    configuration: Composer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    configuration: Composer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, interrupt: Callable[..., None]
 ) -> None:
-    def interrupt(*_: object, **__: object) -> None:
-        raise KeyboardInterrupt
-
     monkeypatch.setattr(SilentLog, "progress", interrupt)
     with pytest.raises(KeyboardInterrupt):
         student.run(configuration("student.total_steps=9000", "discriminator=none", "eta=1"), {}, tmp_path, SilentLog())

@@ -2,14 +2,14 @@
 
 import csv
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 
-from romgrl.algorithms.ppo import PPO, load_policy
+from romgrl.algorithms.ppo import load_policy
 from romgrl.artifacts import load_arrays, load_tensors
 from romgrl.config import Config
 from romgrl.errors import ArtifactError, DivergenceError
@@ -80,12 +80,9 @@ def test_divergence_is_an_error(compose_config: Composer, tmp_path: Path) -> Non
 
 
 def test_interrupted_training_saves_its_policy(
-    compose_config: Composer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    compose_config: Composer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, interrupt: Callable[..., None]
 ) -> None:
-    def interrupt(*arguments: object, **keywords: object) -> dict[str, float]:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(PPO, "update", interrupt)
+    monkeypatch.setattr(SilentLog, "progress", interrupt)
     with pytest.raises(KeyboardInterrupt):
         train(compose_config(*SMALL), tmp_path / "run")
     assert load_policy(tmp_path / "run" / "policy.safetensors")(np.zeros((1, 20), np.float32)).shape == (1, 2)
