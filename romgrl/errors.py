@@ -29,3 +29,9 @@ class TrackingError(RomgrlError):
     """The store of MLflow cannot be reached, and something is left to bring to it; nothing is lost."""
 
     exit_code = 3
+
+
+class StorageError(RomgrlError):
+    """A disk is full, read-only or broken."""
+
+    exit_code = 5

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import threading
 import time
 from collections.abc import Mapping
@@ -11,7 +10,15 @@ from pathlib import Path
 
 from rich.progress import Progress
 
-from romgrl.artifacts import Manifest, open_artifact, read_manifest, write_manifest
+from romgrl.artifacts import (
+    Manifest,
+    open_artifact,
+    publish,
+    read_manifest,
+    setting_aside,
+    storage_faults,
+    write_manifest,
+)
 from romgrl.config import Config
 from romgrl.errors import RomgrlError
 from romgrl.keys import STAGES, stage_config, stage_key, stage_settings
@@ -50,7 +57,10 @@ class Job:
     def digest(self, stage: str) -> str | None:
         """Digest of the artifact of a stage, as its manifest says; None where there is none."""
         directory = self.directory(stage)
-        return read_manifest(directory).digest if directory is not None and directory.exists() else None
+        if directory is None or not directory.exists():
+            return None
+        with setting_aside(directory):
+            return read_manifest(directory).digest
 
     def present(self, stage: str) -> bool:
         """Tell whether the artifact of a stage is there."""
@@ -65,15 +75,20 @@ class Job:
         """Verify the artifact of a stage, or make it where there is none; what it needs must be finished."""
         directory = self.directory(stage)
         assert directory is not None
-        with exclusive(directory, say=self.say, stopping=self.stopping.is_set):
+        with storage_faults(directory), exclusive(directory, say=self.say, stopping=self.stopping.is_set):
             reused = directory.exists()
-            manifest = open_artifact(directory, stage=stage) if reused else self.make(stage, directory, runner, threads)
+            manifest = self.verify(stage, directory) if reused else self.make(stage, directory, runner, threads)
         self.finished[stage] = directory
         if reused:
             self.say(f"{stage}: reused; it took {format_duration(manifest.wall_time)}")
             self.reused[stage] = manifest
         self.run.tags({f"romgrl.key.{stage}": directory.name, f"romgrl.run.{stage}": manifest.run_id or "untracked"})
         self.say(f"artifact: {directory}", f"mlflow run: {manifest.run_id or 'none'}")
+
+    def verify(self, stage: str, directory: Path) -> Manifest:
+        """The manifest of an artifact that is whole; a damaged one is set aside and ends the job."""
+        with setting_aside(directory):
+            return open_artifact(directory, stage=stage, key=directory.name)
 
     def record_reuse(self) -> None:
         """Tell MLflow which runs this job took its artifacts from, and the seconds that this saved."""
@@ -88,7 +103,7 @@ class Job:
         """Run a stage in its workspace, describe what it wrote, and publish the whole."""
         config = replace(stage_config(stage, self.config), threads=threads)
         inputs = {upstream: self.finished[upstream] for upstream in STAGES[stage].upstream}
-        digests = {upstream: open_artifact(path, stage=upstream).digest for upstream, path in inputs.items()}
+        digests = {upstream: self.verify(upstream, path).digest for upstream, path in inputs.items()}
         settings = stage_settings(stage, self.config)
         workspace = Workspace(directory)
         with working_lock(workspace.partial):
@@ -97,7 +112,8 @@ class Job:
         self.say(f"{stage}: {'goes on' if goes_on else 'started'}, {threads} thread{'s' if threads > 1 else ''}")
         start, status = time.monotonic(), "FAILED"
         try:
-            with TerminalLog(stage, workspace.partial, sink=run.metrics, bars=self.bars) as log:
+            log = TerminalLog(stage, workspace.partial, sink=run.metrics, bars=self.bars)
+            with storage_faults(workspace.partial), log:
                 runner(STAGES[stage].function, config, inputs, workspace.partial, log)
             wall_time = workspace.seconds + time.monotonic() - start
             workspace.clear_checkpoint()
@@ -116,7 +132,7 @@ class Job:
                 run_id=run.run_id,
                 threads=threads,
             )
-            os.replace(workspace.partial, directory)
+            publish(workspace.partial, directory)
             run.artifacts(directory)
             workspace.close()
             status = "FINISHED"

@@ -31,13 +31,13 @@ STAGES: dict[str, Stage] = {
     "student": Stage(
         "romgrl.stages.student:run",
         ("reference",),
-        ("student", "discriminator", "humanoid", "speed", "eta", "noise", "seed", "device"),
+        ("student", "discriminator", "humanoid", "teacher.speed", "speed", "eta", "noise", "seed", "device"),
     ),
     "baseline": Stage("romgrl.stages.student:run", (), ("student", "humanoid", "speed", "seed", "device")),
     "evaluation": Stage(
         "romgrl.stages.evaluation:run",
         ("reference", "student", "baseline"),
-        ("evaluation", "humanoid", "student.alpha", "speed", "seed"),
+        ("evaluation", "humanoid", "student.alpha", "teacher.speed", "speed", "seed"),
     ),
     "report": Stage(
         "romgrl.stages.report:run",

@@ -18,6 +18,7 @@ from pathlib import Path
 from filelock import FileLock
 
 from romgrl import interruption
+from romgrl.artifacts import storage_faults
 from romgrl.config import Config
 from romgrl.errors import RomgrlError
 from romgrl.progress import StageLog
@@ -34,7 +35,8 @@ def execute(entry: str, config: Config, inputs: Mapping[str, Path], output: Path
     os.environ["OMP_NUM_THREADS"] = str(config.threads)
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     prepare(config)
-    load_function(entry)(config, inputs, output, log)
+    with storage_faults(output):
+        load_function(entry)(config, inputs, output, log)
 
 
 def prepare(config: Config) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
+from contextlib import suppress
 from pathlib import Path
 
 from romgrl.artifacts import MANIFEST
@@ -42,7 +43,8 @@ class Workspace:
 
     def note(self, run_id: str | None, seconds: float) -> None:
         """Write down the MLflow run and the time worked so far, for the next attempt."""
-        self._note.write_text(json.dumps({"run_id": run_id, "seconds": seconds}))
+        with suppress(OSError):  # it is written when something has failed, which is the fault to tell
+            self._note.write_text(json.dumps({"run_id": run_id, "seconds": seconds}))
 
     def _read_note(self) -> None:
         try:

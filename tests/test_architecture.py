@@ -71,7 +71,7 @@ ALLOWED = {
         "worker",
         "workspace",
     },
-    "worker": {"config", "errors", "interruption", "progress"},
+    "worker": {"artifacts", "config", "errors", "interruption", "progress"},
     "composition": {"config", "errors", "validation"},
     "sweep": {"composition", "errors", "recorder", "validation"},
     "config_docs": {"composition", "config", "validation"},

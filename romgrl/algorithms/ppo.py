@@ -15,11 +15,12 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from romgrl.algorithms.mlp_gradients import MLPGradients, flatten
+from romgrl.algorithms.policy_file import check_tensors, layer_sizes, read_policy, require
 from romgrl.algorithms.rollout import Rollout, compute_gae
 from romgrl.algorithms.state import optimizer_state, put, restore_optimizer
-from romgrl.artifacts import load_tensors, save_tensors
+from romgrl.artifacts import save_tensors
 from romgrl.lanes import start
-from romgrl.networks import initialise_orthogonal, mirror, mlp
+from romgrl.networks import ACTIVATIONS, initialise_orthogonal, mirror, mlp
 
 LOG_TWO_PI = math.log(2.0 * math.pi)
 Mirror = tuple[NDArray[np.int64], NDArray[np.float32]]
@@ -243,10 +244,19 @@ def save_policy(path: Path, ppo: PPO) -> None:
     save_tensors(path, tensors | {"log_std": ppo.log_std.detach().cpu()}, {"network": json.dumps(spec)})
 
 
-def load_policy(path: Path) -> DeterministicPolicy:
-    """Deterministic policy from a file of `save_policy`."""
-    tensors, metadata = load_tensors(path)
-    spec = json.loads(metadata["network"])
+def load_policy(path: Path, fits: Mapping[str, object] | None = None) -> DeterministicPolicy:
+    """Deterministic policy from a file of `save_policy`. Raises ArtifactError for any other.
+
+    `fits`: what the description of its network must say, such as input_size.
+    """
+    sizes, options = ("input_size", "output_size"), {"activation": ACTIVATIONS}
+    tensors, spec, _ = read_policy(path, algorithm="ppo", sizes=sizes, options=options)
+    for name, needed in (fits or {}).items():
+        require(path, name, spec[name], needed)
+    shapes: dict[str, tuple[int, ...]] = {"log_std": (spec["output_size"],)}
+    for layer, (inputs, outputs) in enumerate(layer_sizes(spec, *sizes)):
+        shapes |= {f"{2 * layer}.weight": (outputs, inputs), f"{2 * layer}.bias": (outputs,)}
+    check_tensors(path, tensors, {name: (torch.float32, shape) for name, shape in shapes.items()})
     network = mlp(spec["input_size"], spec["hidden_sizes"], spec["output_size"], spec["activation"])
     network.load_state_dict({name: tensor for name, tensor in tensors.items() if name != "log_std"})
     return DeterministicPolicy(network)

@@ -18,9 +18,10 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from romgrl.algorithms import squashed_gaussian
+from romgrl.algorithms.policy_file import check_tensors, layer_sizes, read_policy, require
 from romgrl.algorithms.stacked_mlp import StackedMLP, Tape
 from romgrl.algorithms.state import optimizer_state, put_all, restore_optimizer
-from romgrl.artifacts import load_tensors, save_tensors
+from romgrl.artifacts import save_tensors
 from romgrl.buffers import Batch
 from romgrl.lanes import start
 
@@ -201,13 +202,27 @@ def save_policy(
     """Write the averaged policy with the columns it reads and their normalisation (safetensors)."""
     tensors = {f"policy.{name}": value.cpu().clone() for name, value in sac.average.named_tensors().items()}
     tensors |= {"columns": columns.cpu(), "observation_mean": mean.cpu(), "observation_scale": scale.cpu()}
-    save_tensors(path, tensors, {"network": json.dumps(sac.network), **(metadata or {})})
+    network = json.dumps({"algorithm": "sac", **sac.network})
+    save_tensors(path, tensors, {"network": network, **(metadata or {})})
 
 
-def load_policy(path: Path) -> DeterministicPolicy:
-    """Rebuild a policy from its file alone."""
-    tensors, metadata = load_tensors(path)
-    policy = StackedMLP(stack=1, **json.loads(metadata["network"]))
+def load_policy(path: Path, humanoid: str | None = None) -> DeterministicPolicy:
+    """Rebuild a policy from its file alone. Raises ArtifactError for any other file.
+
+    `humanoid`: the fingerprint of the model that it must have been trained on; None: any.
+    """
+    sizes, options = ("inputs", "outputs"), {"layer_norm": (True, False)}
+    tensors, network, metadata = read_policy(path, algorithm="sac", sizes=sizes, options=options)
+    if humanoid is not None:
+        require(path, "humanoid", metadata.get("humanoid"), humanoid)
+    columns = (network["inputs"],)
+    needed: dict[str, tuple[torch.dtype, tuple[int, ...]]] = {"columns": (torch.int64, columns)}
+    needed |= dict.fromkeys(("observation_mean", "observation_scale"), (torch.float32, columns))
+    for layer, (inputs, outputs) in enumerate(layer_sizes(network, *sizes)):
+        needed[f"policy.weight_{layer}"] = (torch.float32, (1, inputs, outputs))
+        needed[f"policy.bias_{layer}"] = (torch.float32, (1, 1, outputs))
+    check_tensors(path, tensors, needed)
+    policy = StackedMLP(stack=1, **network)
     for name, value in policy.named_tensors().items():
         value.copy_(tensors[f"policy.{name}"])
     return DeterministicPolicy(policy, tensors["columns"], tensors["observation_mean"], tensors["observation_scale"])

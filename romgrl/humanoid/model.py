@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ctypes
+import hashlib
+import json
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -73,6 +75,15 @@ def build(
     if joints != [*ROOT_JOINTS, *HINGES] or actuators != [*HINGES]:
         raise ConfigurationError("humanoid.xml: bodies, joints and actuators must be in the order of SMPL's 24 bodies")
     return model
+
+
+def fingerprint(model: mujoco.MjModel) -> str:
+    """SHA-256 of what a policy's observations and actions mean: names of bodies, joints and actuators, mass, height."""
+    sizes = dimensions(model)
+    names = [[model.body(i).name for i in range(model.nbody)], [model.joint(i).name for i in range(model.njnt)]]
+    names.append([model.actuator(i).name for i in range(model.nu)])
+    numbers = [model.nq, model.nv, *(f"{value:.5g}" for value in (sizes.mass, sizes.pelvis_height, sizes.head_height))]
+    return hashlib.sha256(json.dumps([names, numbers]).encode()).hexdigest()
 
 
 def set_up_mujoco() -> None:

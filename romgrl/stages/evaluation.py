@@ -11,19 +11,18 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from romgrl.algorithms.sac import load_policy
-from romgrl.artifacts import load_arrays, save_arrays
+from romgrl.artifacts import save_arrays
 from romgrl.config import Config
-from romgrl.errors import ArtifactError, ConfigurationError
+from romgrl.errors import ConfigurationError
 from romgrl.gait.alignment import aligned_phase_lag, mse_table
-from romgrl.gait.features import Gait, gait_from_reference, gait_from_rollouts, until_first_fall
+from romgrl.gait.features import CHANNELS, Gait, gait_from_reference, gait_from_rollouts, until_first_fall
 from romgrl.gait.metrics import describe
 from romgrl.humanoid.replay import replay
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 from romgrl.progress import StageLog
+from romgrl.stages.inputs import WALKERS, read_reference, read_walker
 from romgrl.stages.walkers import humanoid_env
 
-WALKERS = ("student", "baseline")
 SEED_OFFSET = 30_000  # resets that no training has drawn
 Policy = Callable[[NDArray[np.float32]], NDArray[np.float32]]
 
@@ -35,17 +34,16 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
         raise ConfigurationError(
             f"evaluation.window {evaluation.window} is longer than evaluation.steps {evaluation.steps}"
         )
-    path = inputs["reference"] / "reference.npz"
-    reference = load_arrays(path)
+    reference = read_reference(inputs["reference"], config, steps=evaluation.window)
     env = humanoid_env(config, num_envs=evaluation.episodes, episode_steps=evaluation.steps + 1)
-    check_reference_fits(path, reference, env.control_step)
+    policies = {name: read_walker(inputs[name], env) for name in WALKERS}
     total = len(WALKERS) * evaluation.steps
-    rollouts: dict[str, Any] = {"dt": env.control_step}
+    rollouts: dict[str, Any] = {"dt": env.control_step, "channels": np.array(CHANNELS)}
     for index, name in enumerate(WALKERS):
         done = index * evaluation.steps
         arrays = roll_out(
             env,
-            load_policy(inputs[name] / "policy.safetensors"),
+            policies[name],
             steps=evaluation.steps,
             seed=config.seed + SEED_OFFSET,
             progress=partial(_progress, log, done, total),
@@ -55,20 +53,12 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
     save_arrays(output / "rollouts.npz", rollouts)
     gaits = {"teacher": gait_from_reference(reference), **{n: gait_from_rollouts(rollouts, n) for n in WALKERS}}
     speeds = {"teacher": float(reference["speed"]), **dict.fromkeys(WALKERS, config.speed)}
-    errors = error_table(gaits, evaluation.window, path)
+    teacher, student, baseline = (gaits[name] for name in ("teacher", *WALKERS))
+    errors = mse_table(reference=teacher, student=student, baseline=baseline, window=evaluation.window)
     table = gait_table(gaits, speeds, mass=env.dimensions.mass, window=evaluation.window)
     errors.to_csv(output / "mse.csv", index=False)
     table.to_csv(output / "gait.csv", index=False)
     report(errors, table, log)
-
-
-def check_reference_fits(path: Path, reference: Mapping[str, NDArray[Any]], control_step: float) -> None:
-    """ArtifactError where the reference lacks an array or has another time step than the humanoid."""
-    missing = {"features", "episode", "dt", "speed"} - set(reference)
-    if missing:
-        raise ArtifactError(f"{path}: no array {', '.join(sorted(missing))}")
-    if abs(float(reference["dt"]) / control_step - 1.0) > 1e-4:
-        raise ArtifactError(f"{path}: time step {float(reference['dt']):.6g} s, the humanoid's is {control_step:.6g} s")
 
 
 def roll_out(
@@ -108,14 +98,6 @@ def roll_out(
         "contact": contact,
         "states": states[longest, : max(1, int(upright[longest].sum()))],
     }
-
-
-def error_table(gaits: Mapping[str, Gait], window: int, path: Path) -> pd.DataFrame:
-    """mse.csv; a reference without a single window is an ArtifactError."""
-    teacher = gaits["teacher"]
-    if int(teacher.valid.sum(axis=1).max()) < window:
-        raise ArtifactError(f"{path}: no episode has evaluation.window = {window} steps")
-    return mse_table(reference=teacher, student=gaits["student"], baseline=gaits["baseline"], window=window)
 
 
 def gait_table(gaits: Mapping[str, Gait], speeds: Mapping[str, float], *, mass: float, window: int) -> pd.DataFrame:

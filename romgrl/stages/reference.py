@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from romgrl.algorithms.ppo import load_policy
 from romgrl.artifacts import save_arrays
 from romgrl.config import Config
 from romgrl.errors import ArtifactError
-from romgrl.gait.features import Gait
+from romgrl.gait.features import CHANNELS, Gait
 from romgrl.gait.reference import check_reference
 from romgrl.progress import StageLog
+from romgrl.stages.inputs import read_teacher
 from romgrl.stages.teacher import record
 from romgrl.stages.walkers import rom_env
 
@@ -28,7 +28,8 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
     kept = math.ceil(reference.steps / reference.episodes)
     steps = reference.warmup_steps + kept
     env = rom_env(config, num_envs=reference.episodes, episode_steps=steps + 1)
-    gait = record(env, load_policy(inputs["teacher"] / "policy.safetensors"), steps=steps, seed=config.seed + 20_000)
+    policy = read_teacher(inputs["teacher"], config, env)
+    gait = record(env, policy, steps=steps, seed=config.seed + 20_000)
     env.close()
     gait.valid[:, : reference.warmup_steps] = False
     try:
@@ -53,6 +54,7 @@ def write_reference(path: Path, gait: Gait, *, speed: float, steps: int) -> None
             "episode": np.nonzero(gait.valid)[0][:steps].astype(np.int32),
             "contact": gait.contact[gait.valid][:steps],
             "velocity": gait.velocity[gait.valid][:steps].astype(np.float32),
+            "channels": np.array(CHANNELS),
             "dt": gait.dt,
             "speed": speed,
         },

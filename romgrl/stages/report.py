@@ -11,7 +11,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from romgrl.artifacts import MANIFEST, load_arrays, read_manifest
+from romgrl.artifacts import MANIFEST, read_manifest
 from romgrl.config import Config
 from romgrl.gait.alignment import align, last_windows
 from romgrl.gait.features import Gait, gait_from_reference, gait_from_rollouts
@@ -19,23 +19,30 @@ from romgrl.humanoid.rendering import RenderingError, SideCamera
 from romgrl.progress import StageLog
 from romgrl.report import document, figures, film, tables
 from romgrl.report.style import save
+from romgrl.stages.inputs import (
+    ERROR_COLUMNS,
+    GAIT_COLUMNS,
+    WALKERS,
+    read_reference,
+    read_rollouts,
+    read_table,
+)
 from romgrl.stages.walkers import humanoid_model
 
-WALKERS = ("student", "baseline")
 POSES = 8
 FILM_TIME = 6.0  # s at the end of the recorded episode
 
 
 def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog) -> None:
     """Write the figures (PNG and PDF), mse.md, gait.md, student.mp4, baseline.mp4 and report.md."""
-    rollouts = load_arrays(inputs["evaluation"] / "rollouts.npz")
-    errors = pd.read_csv(inputs["evaluation"] / "mse.csv")
-    gaits = pd.read_csv(inputs["evaluation"] / "gait.csv")
+    model = humanoid_model(config)
+    rollouts = read_rollouts(inputs["evaluation"], config, model.nq + model.nv)
+    errors = read_table(inputs["evaluation"] / "mse.csv", ERROR_COLUMNS)
+    gaits = read_table(inputs["evaluation"] / "gait.csv", GAIT_COLUMNS)
     pictures = draw(config, inputs, rollouts, errors)
     states = {name: rollouts[f"{name}_states"] for name in WALKERS}
     rates = dict(zip(gaits.walker, gaits.stride_frequency_hz, strict=True))
     dt = float(rollouts["dt"])
-    model = humanoid_model(config)
     camera = open_camera(model, log)
     try:
         pictures["filmstrip"] = filmstrip(model, camera, states, rates, dt)
@@ -58,12 +65,12 @@ def draw(
     config: Config, inputs: Mapping[str, Path], rollouts: Mapping[str, NDArray[Any]], errors: pd.DataFrame
 ) -> dict[str, Figure]:
     """The figures that need no simulation, by the names of their files."""
-    teacher = gait_from_reference(load_arrays(inputs["reference"] / "reference.npz"))
+    teacher = gait_from_reference(read_reference(inputs["reference"], config))
     window = config.evaluation.window
     pairs = {name: typical_pair(gait_from_rollouts(rollouts, name), teacher, window) for name in WALKERS}
     there = {name: pair for name, pair in pairs.items() if pair is not None}
     curves = {name: path / "curve.csv" for name, path in inputs.items() if (path / "curve.csv").is_file()}
-    trained = {name: pd.read_csv(path) for name, path in curves.items() if name in ("teacher", *WALKERS)}
+    trained = {name: read_table(path, ("step",)) for name, path in curves.items() if name in ("teacher", *WALKERS)}
     targets = {"teacher": config.teacher.speed, **dict.fromkeys(WALKERS, config.speed)}
     return {
         "paths": figures.paths(there, teacher.dt, config.speed),

@@ -16,12 +16,12 @@ from torch import Tensor
 from romgrl.algorithms.discriminator import Discriminator
 from romgrl.algorithms.rom_grl import RomGrl
 from romgrl.algorithms.sac import SAC, Metrics, save_policy
-from romgrl.artifacts import load_arrays
 from romgrl.buffers import Mirror, ReplayBuffer
 from romgrl.checkpoint import State
 from romgrl.config import Config
 from romgrl.errors import DivergenceError
 from romgrl.gait.windows import FrameWindows, reference_windows, window_mirror
+from romgrl.humanoid.model import fingerprint
 from romgrl.humanoid.observation import OBSERVATION_SIZE
 from romgrl.humanoid.skeleton import HINGES
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
@@ -29,6 +29,7 @@ from romgrl.interruption import deferred
 from romgrl.lanes import second_lane, start
 from romgrl.normalizer import RunningNormalizer
 from romgrl.progress import StageLog
+from romgrl.stages.inputs import read_reference
 from romgrl.stages.keeper import Keeper
 from romgrl.stages.tally import EpisodeTally
 from romgrl.stages.walkers import humanoid_env
@@ -73,11 +74,13 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
         columns=6 if config.discriminator.features == "trunk" else 5,
         window=config.discriminator.window,
     )
+    humanoid = fingerprint(env.model)
     with second_lane(beside) as lane:
         learner = build_learner(config, env, columns, windows, inputs.get("reference"), lane)
 
         def save() -> None:
-            save_policy(output / "policy.safetensors", learner.sac, columns, *learner.normalizer.mean_and_scale())
+            moments = learner.normalizer.mean_and_scale()
+            save_policy(output / "policy.safetensors", learner.sac, columns, *moments, {"humanoid": humanoid})
 
         with deferred():
             train(config, env, windows, learner, log, output, save)
@@ -148,7 +151,7 @@ def build_discriminator(config: Config, window: int, reference: Path | None) -> 
     judge = config.discriminator
     if judge.name == "none" or reference is None:
         return None
-    arrays = load_arrays(reference / "reference.npz")
+    arrays = read_reference(reference, config, steps=window)
     real = reference_windows(
         arrays["features"],
         arrays["episode"],

@@ -17,10 +17,11 @@ from romgrl.algorithms.sac import SAC, save_policy
 from romgrl.artifacts import load_arrays, save_arrays
 from romgrl.config import Config
 from romgrl.errors import ArtifactError, ConfigurationError
-from romgrl.humanoid.model import build, dimensions
+from romgrl.humanoid.model import build, dimensions, fingerprint
 from romgrl.humanoid.replay import replay
 from romgrl.progress import SilentLog
 from romgrl.stages import evaluation
+from romgrl.stages.walkers import humanoid_model
 from tests.gait.synthetic import DT, run
 
 
@@ -112,7 +113,7 @@ def test_stage_writes_the_fixed_files(smoke_config: Config, tmp_path: Path) -> N
         path.mkdir()
     write_reference(inputs["reference"])
     for seed, name in enumerate(("student", "baseline")):
-        write_policy(inputs[name] / "policy.safetensors", seed)
+        write_policy(inputs[name] / "policy.safetensors", seed, humanoid=fingerprint(humanoid_model(config)))
     log = SilentLog()
     evaluation.run(config, inputs, tmp_path, log)
     size = (config.evaluation.episodes, config.evaluation.steps)
@@ -136,7 +137,7 @@ def test_stage_writes_the_fixed_files(smoke_config: Config, tmp_path: Path) -> N
 
 def test_a_reference_that_does_not_fit_is_refused(smoke_config: Config, tmp_path: Path) -> None:
     write_reference(tmp_path, dt=1 / 50)
-    with pytest.raises(ArtifactError, match=r"reference.npz: time step 0.02 s, the humanoid's is 0.0333333 s"):
+    with pytest.raises(ArtifactError, match=r"reference.npz: dt 0.02; needed: 0.0333333"):
         evaluation.run(smoke_config, {"reference": tmp_path}, tmp_path, SilentLog())
     save_arrays(tmp_path / "reference.npz", {"features": np.zeros((10, 5)), "dt": DT})
     with pytest.raises(ArtifactError, match="no array episode, speed"):
@@ -159,7 +160,7 @@ def write_reference(directory: Path, dt: float = DT) -> None:
     save_arrays(directory / "reference.npz", arrays)
 
 
-def write_policy(path: Path, seed: int) -> None:
+def write_policy(path: Path, seed: int, humanoid: str) -> None:
     sac = SAC(
         observation_size=10,
         action_size=21,
@@ -177,4 +178,4 @@ def write_policy(path: Path, seed: int) -> None:
         policy_average=0.9,
         seed=seed,
     )
-    save_policy(path, sac, torch.arange(10), torch.zeros(10), torch.ones(10))
+    save_policy(path, sac, torch.arange(10), torch.zeros(10), torch.ones(10), {"humanoid": humanoid})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -199,12 +200,13 @@ def test_stage_without_opengl(
         raise RenderingError("no OpenGL here")
 
     monkeypatch.setattr(report, "SideCamera", no_camera)
-    smoke_config.evaluation.window = 100
+    smoke_config.evaluation = replace(smoke_config.evaluation, episodes=4, steps=300, window=100)
     inputs = {name: tmp_path / name for name in ("evaluation", "reference", "student", "baseline", "teacher")}
     for path in inputs.values():
         path.mkdir()
     teacher = gaits["teacher"]
-    reference = {"features": teacher.features.reshape(-1, 5), "episode": np.repeat(np.arange(4), 400), "dt": DT}
+    reference = {"features": teacher.features.reshape(-1, 5), "episode": np.repeat(np.arange(4, dtype=np.int32), 400)}
+    reference |= {"dt": DT, "speed": 4.0}
     save_arrays(inputs["reference"] / "reference.npz", reference)
     rollouts = {"dt": DT}
     for name in ("student", "baseline"):

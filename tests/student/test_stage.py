@@ -39,7 +39,12 @@ def reference(tmp_path_factory: pytest.TempPathFactory) -> Path:
     )
     save_arrays(
         directory / "reference.npz",
-        {"features": features.astype(np.float32), "episode": np.repeat(np.arange(3), 200).astype(np.int32)},
+        {
+            "features": features.astype(np.float32),
+            "episode": np.repeat(np.arange(3), 200).astype(np.int32),
+            "dt": 1 / 30,
+            "speed": 4.0,
+        },
     )
     return directory
 

@@ -1,0 +1,71 @@
+"""Policies in files: a network is rebuilt only from sizes that its own tensors have."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Collection, Mapping, Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from romgrl.artifacts import load_tensors
+from romgrl.errors import ArtifactError
+
+NETWORK = "network"  # the metadata that holds the sizes, as JSON
+Shape = tuple[int, ...]
+
+
+def read_policy(
+    path: Path, *, algorithm: str, sizes: Collection[str], options: Mapping[str, Collection[Any]]
+) -> tuple[dict[str, Tensor], dict[str, Any], dict[str, str]]:
+    """Tensors, description of the network and metadata of a policy of `algorithm`, or ArtifactError.
+
+    The description must have just the `sizes`, whole numbers, the list `hidden_sizes`, and each of `options` with one
+    of its values; no tensor may hold a number that is not finite.
+    """
+    tensors, metadata = load_tensors(path)
+    try:
+        network = json.loads(metadata[NETWORK])
+        found = network.pop("algorithm")
+    except (KeyError, ValueError, AttributeError, TypeError, RecursionError) as error:
+        raise ArtifactError(f"{path}: does not describe its network; needed: metadata `{NETWORK}`") from error
+    require(path, "algorithm", found, algorithm)
+    require(path, "description of the network", sorted(network), sorted([*sizes, "hidden_sizes", *options]))
+    hidden = network["hidden_sizes"]
+    if not isinstance(hidden, list) or not all(type(size) is int and size > 0 for size in hidden):
+        raise ArtifactError(f"{path}: hidden_sizes {hidden}; needed: whole numbers above 0")
+    for name in sizes:
+        if type(network[name]) is not int or network[name] < 1:
+            raise ArtifactError(f"{path}: {name} {network[name]!r}; needed: a whole number above 0")
+    for name, values in options.items():
+        if not any(network[name] is value or network[name] == value for value in values):
+            raise ArtifactError(f"{path}: {name} {network[name]!r}; needed: {', '.join(map(str, values))}")
+    for name, tensor in tensors.items():
+        if tensor.is_floating_point() and not bool(torch.isfinite(tensor).all()):
+            raise ArtifactError(f"{path}: {name} holds numbers that are not finite")
+    return tensors, network, metadata
+
+
+def check_tensors(path: Path, tensors: Mapping[str, Tensor], needed: Mapping[str, tuple[torch.dtype, Shape]]) -> None:
+    """Raise ArtifactError unless a file holds the tensors `needed`, and no other."""
+    missing, extra = sorted(set(needed) - set(tensors)), sorted(set(tensors) - set(needed))
+    if missing or extra:
+        raise ArtifactError(f"{path}: {'no' if missing else 'an unknown'} tensor {', '.join(missing or extra)}")
+    for name, (dtype, shape) in needed.items():
+        tensor = tensors[name]
+        if tensor.dtype != dtype or tuple(tensor.shape) != shape:
+            raise ArtifactError(f"{path}: {name} is {tensor.dtype} {tuple(tensor.shape)}; needed: {dtype} {shape}")
+
+
+def require(path: Path, name: str, found: object, needed: object) -> None:
+    """Raise ArtifactError, naming both, unless a file has what is needed."""
+    if found != needed:
+        raise ArtifactError(f"{path}: {name} {found}; needed: {needed}")
+
+
+def layer_sizes(network: Mapping[str, Any], inputs: str, outputs: str) -> Sequence[tuple[int, int]]:
+    """Inputs and outputs of each layer."""
+    return list(pairwise([network[inputs], *network["hidden_sizes"], network[outputs]]))
