@@ -19,6 +19,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from romgrl.config import MISSING, Config
 from romgrl.errors import ConfigurationError
+from romgrl.targets import guard
 from romgrl.validation import allowed, in_range, refusal, schema_keys, unknown_key, value_of
 
 HERE = Path(__file__).resolve().parent
@@ -27,7 +28,8 @@ COMPOSITION_ERRORS = (HydraException, OmegaConfBaseException)
 
 
 def register_schema() -> None:
-    """Tell Hydra the schema under the name that conf/config.yaml starts from."""
+    """Tell Hydra the schema under the name that conf/config.yaml starts from, and what it may instantiate."""
+    guard()
     ConfigStore.instance().store("schema", Config)
 
 

@@ -13,7 +13,7 @@ ROOT = Path(__file__).resolve().parents[1]
 SOURCES = sorted((ROOT / "romgrl").rglob("*.py"))
 LEARNING = {"algorithms", "networks", "buffers", "normalizer", "lanes"}
 WORLDS = {"rom", "humanoid"}
-WIRING = {"__main__", "composition", "sweep", "config_docs"}
+WIRING = {"__main__", "composition", "sweep", "config_docs", "targets"}
 BELOW_STAGES = (
     LEARNING
     | WORLDS
@@ -72,7 +72,8 @@ ALLOWED = {
         "workspace",
     },
     "worker": {"artifacts", "config", "errors", "interruption", "progress"},
-    "composition": {"config", "errors", "validation"},
+    "composition": {"config", "errors", "targets", "validation"},
+    "targets": set(),
     "sweep": {"composition", "errors", "recorder", "validation"},
     "config_docs": {"composition", "config", "validation"},
     "__main__": {"composition", "errors", "pipeline", "usage"},

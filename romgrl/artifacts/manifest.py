@@ -11,13 +11,14 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from romgrl.artifacts.payload import array_shapes, tensor_shapes
-from romgrl.artifacts.storage import storage_faults, write_bytes
+from romgrl.artifacts.storage import storage_faults, tree, write_bytes
 from romgrl.errors import ArtifactError
 
 MANIFEST = "manifest.json"
 FORMAT = 2
 LARGEST_MANIFEST = 2**20  # bytes; ours have some thousand
 PLAIN_PART = re.compile(r"[A-Za-z0-9_-]([A-Za-z0-9_.-]{0,253}[A-Za-z0-9_-])?")
+SUFFIXES = ("csv", "json", "md", "mp4", "npz", "pdf", "png", "safetensors", "txt")  # data that no reader executes
 SHA256 = re.compile(r"[0-9a-f]{64}")
 
 
@@ -76,7 +77,7 @@ def payload(directory: Path) -> list[str]:
     Raises ArtifactError for a link, a socket and whatever else is neither a file nor a directory.
     """
     found = []
-    for path in sorted(directory.rglob("*")):
+    for path in tree(directory):
         name = path.relative_to(directory).as_posix()
         if path.name.startswith(".") or name == MANIFEST:
             continue
@@ -88,9 +89,11 @@ def payload(directory: Path) -> list[str]:
 
 
 def check_name(directory: Path, name: str) -> None:
-    """Raise ArtifactError unless a name leads to a file of the artifact, on every system: letters, digits and _ . -"""
+    """Raise ArtifactError unless a name leads to data in the artifact, on every system: letters, digits and _ . -"""
     if not all(PLAIN_PART.fullmatch(part) for part in name.split("/")):
         raise ArtifactError(f"{directory / MANIFEST}: {name!r} is not the name of a file of an artifact")
+    if name.rpartition(".")[2] not in SUFFIXES:
+        raise ArtifactError(f"{directory / MANIFEST}: {name} is none of the kinds {', '.join(SUFFIXES)}")
 
 
 def write_manifest(

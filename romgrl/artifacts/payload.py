@@ -87,19 +87,27 @@ def save_arrays(path: Path, arrays: Mapping[str, NDArray[Any] | float]) -> None:
 
 def load_arrays(path: Path) -> dict[str, NDArray[Any]]:
     """Load what `save_arrays` wrote; Python objects and false sizes are refused with an ArtifactError."""
-    array_shapes(path)
-    with reading(path), np.load(path, allow_pickle=False) as file:
-        return {name: file[name] for name in file.files}
+    with reading(path):
+        content = io.BytesIO(path.read_bytes())
+        _shapes(content)
+        content.seek(0)
+        with np.load(content, allow_pickle=False) as file:
+            return {name: file[name] for name in file.files}
 
 
 def array_shapes(path: Path) -> Shapes:
     """`name: (dtype, shape)` of the arrays of an npz, from their headers alone. Raises ArtifactError."""
-    with reading(path), zipfile.ZipFile(path) as archive:
+    with reading(path):
+        return _shapes(io.BytesIO(path.read_bytes()))  # zipfile would take a fault of the disk for one of the file
+
+
+def _shapes(content: io.BytesIO) -> Shapes:
+    with zipfile.ZipFile(content) as archive:
         members = archive.infolist()
         shapes = {member.filename.removesuffix(".npy"): _shape(archive, member) for member in members}
-        if len(shapes) < len(members) or sum(member.file_size for member in members) > LARGEST_ARRAYS:
-            raise ValueError("a name comes twice, or it says that it holds more than 4 GiB")
-        return shapes
+    if len(shapes) < len(members) or sum(member.file_size for member in members) > LARGEST_ARRAYS:
+        raise ValueError("a name comes twice, or it says that it holds more than 4 GiB")
+    return shapes
 
 
 def _shape(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> tuple[str, tuple[int, ...]]:

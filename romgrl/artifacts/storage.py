@@ -7,6 +7,7 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import NoReturn
 
 from romgrl.errors import StorageError
 
@@ -50,9 +51,19 @@ def sync(path: Path) -> None:
         os.close(descriptor)
 
 
+def tree(directory: Path) -> list[Path]:
+    """Everything under a directory, sorted. Raises OSError for what cannot be read, which `rglob` would skip."""
+
+    def fail(error: OSError) -> NoReturn:
+        raise error
+
+    walk = os.walk(directory, onerror=fail)
+    return sorted(Path(root, name) for root, directories, files in walk for name in (*directories, *files))
+
+
 def sync_tree(directory: Path) -> None:
     """Put every file and every name under a directory on the disk."""
-    for path in sorted(directory.rglob("*"), reverse=True):  # what a directory holds before the directory
+    for path in reversed(tree(directory)):  # what a directory holds before the directory
         if path.is_dir() or path.is_file():
             sync(path)
     sync(directory)

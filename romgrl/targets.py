@@ -1,0 +1,102 @@
+"""What a configuration may have Hydra make and run: nothing outside the lists of this file, whoever wrote the YAML.
+
+Hydra instantiates callbacks, launcher and sweeper, sets up logging and imports packages before any code of a job runs.
+Hence the place of the check: the loader, which every composition comes out of, those of a sweep's jobs included.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from typing import Any
+
+import hydra._internal.hydra
+from hydra._internal.config_loader_impl import ConfigLoaderImpl
+from hydra.errors import HydraException
+from omegaconf import DictConfig, ListConfig, OmegaConf
+from omegaconf.errors import InterpolationToMissingValueError, MissingMandatoryValue, OmegaConfBaseException
+
+TARGETS = (
+    "romgrl.sweep.SweepCallback",
+    "hydra._internal.core_plugins.basic_launcher.BasicLauncher",
+    "hydra._internal.core_plugins.basic_sweeper.BasicSweeper",
+    "hydra_plugins.hydra_joblib_launcher.joblib_launcher.JoblibLauncher",
+    "hydra_plugins.hydra_submitit_launcher.submitit_launcher.LocalLauncher",
+    "hydra_plugins.hydra_submitit_launcher.submitit_launcher.SlurmLauncher",
+)
+LOGGING = ("logging.StreamHandler", "logging.FileHandler", "logging.NullHandler", "logging.Formatter")
+STREAMS = ("ext://sys.stdout", "ext://sys.stderr")
+VARIABLES = re.compile(r"(OMP|MKL|OPENBLAS|CUDA|MUJOCO|MLFLOW|ROMGRL)_[A-Z0-9_]+")
+INSTANTIATED = re.compile(r"hydra\.(callbacks|launcher|sweeper)(\.|$)")
+DEEPEST = 40
+UNKNOWN = object()
+
+
+def guard() -> None:
+    """Have Hydra load every configuration through the check."""
+    hydra._internal.hydra.ConfigLoaderImpl = GuardedLoader  # type: ignore[attr-defined]  # it offers no other way in
+
+
+class GuardedLoader(ConfigLoaderImpl):
+    """Hydra's loader, which hands out no configuration that makes anything foreign."""
+
+    def load_configuration(self, *arguments: Any, **keywords: Any) -> DictConfig:
+        """Compose as Hydra does. Raises HydraException with one line per foreign thing."""
+        config: DictConfig = super().load_configuration(*arguments, **keywords)
+        check(config)
+        return config
+
+    def _process_config_searchpath(self, config_name: str | None, parsed_overrides: Any, repo: Any) -> None:
+        loaded = repo.load_config(config_path=config_name) if config_name is not None else None
+        given = [override.value() for override in parsed_overrides if override.key_or_group == "hydra.searchpath"]
+        given.append(OmegaConf.select(loaded.config, "hydra.searchpath") if loaded is not None else None)
+        for path in (path for paths in given for path in paths or ()):
+            if "://" in str(path) and not str(path).startswith("file://"):
+                raise HydraException(f"hydra.searchpath: {path} is not allowed; allowed: file://DIRECTORY")
+        super()._process_config_searchpath(config_name, parsed_overrides, repo)
+
+
+def check(config: DictConfig) -> None:
+    """Raise HydraException with one line per foreign thing in a composed configuration."""
+    lines = list(dict.fromkeys(line for path, value in walk(config) if (line := refusal(path, value))))
+    if lines:
+        raise HydraException("\n".join(lines))
+
+
+def walk(node: DictConfig | ListConfig, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
+    """Path and value of every entry, interpolations resolved; UNKNOWN for what cannot be."""
+    if len(path) > DEEPEST:
+        yield path, UNKNOWN
+        return
+    entries: Any = node
+    for key in list(entries.keys()) if isinstance(node, DictConfig) else range(len(node)):
+        try:
+            value = entries[key]
+        except (MissingMandatoryValue, InterpolationToMissingValueError):
+            value = None  # Hydra fills in numbers and names of jobs
+        except OmegaConfBaseException:
+            value = UNKNOWN
+        here = (*path, str(key))
+        yield here, value
+        if isinstance(value, DictConfig | ListConfig):
+            yield from walk(value, here)
+
+
+def refusal(path: tuple[str, ...], value: Any) -> str | None:
+    """The line that refuses an entry; None for one that makes nothing foreign."""
+    dotted, allowed = ".".join(path), None
+    if path[-1] == "_target_" and value not in TARGETS:
+        allowed = ", ".join(TARGETS)
+    elif value is UNKNOWN and INSTANTIATED.match(dotted):
+        allowed = "what can be resolved before anything runs"
+    elif path[:2] in (("hydra", "job_logging"), ("hydra", "hydra_logging")):
+        if path[-1] == "()" or (path[-1] == "class" and value not in LOGGING):
+            allowed = f"class: {', '.join(LOGGING)}"
+        elif isinstance(value, str) and value.startswith("ext:") and value not in STREAMS:
+            allowed = ", ".join(STREAMS)
+    elif path[:3] == ("hydra", "job", "env_set") and len(path) == 4 and not VARIABLES.fullmatch(path[3]):
+        allowed = VARIABLES.pattern
+    if allowed is None:
+        return None
+    shown = "what it refers to" if value is UNKNOWN else " ".join(str(value).split())
+    return f"{dotted}: {shown} is not allowed; allowed: {allowed}"
