@@ -58,7 +58,8 @@ def tensors(owner: Any, seen: set[int] | None = None) -> Iterator[tuple[str, tor
 def test_student(meta_config: Config, tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     features = rng.normal(size=(100, 5)).astype(np.float32)
-    save_arrays(tmp_path / "reference.npz", {"features": features, "episode": np.zeros(100, np.int32)})
+    reference = {"features": features, "episode": np.zeros(100, np.int32), "dt": 1 / 30, "speed": 4.0}
+    save_arrays(tmp_path / "reference.npz", reference)
     env = humanoid_env(meta_config, num_envs=2)
     columns = 6 if meta_config.discriminator.features == "trunk" else 5
     windows = FrameWindows(num_envs=2, columns=columns, window=meta_config.discriminator.window)
