@@ -20,8 +20,8 @@ Shape = tuple[int, ...]
 
 def read_policy(
     path: Path, *, algorithm: str, sizes: Collection[str], options: Mapping[str, Collection[Any]]
-) -> tuple[dict[str, Tensor], dict[str, Any], dict[str, str]]:
-    """Tensors, description of the network and metadata of a policy of `algorithm`, or ArtifactError.
+) -> tuple[dict[str, Tensor], dict[str, Any], str | None]:
+    """Tensors, description of the network and humanoid of a policy of `algorithm`, or ArtifactError.
 
     The description must have just the `sizes`, whole numbers, the list `hidden_sizes`, and each of `options` with one
     of its values; no tensor may hold a number that is not finite.
@@ -29,7 +29,7 @@ def read_policy(
     tensors, metadata = load_tensors(path)
     try:
         network = json.loads(metadata[NETWORK])
-        found = network.pop("algorithm")
+        found, humanoid = network.pop("algorithm"), network.pop("humanoid", None)
     except (KeyError, ValueError, AttributeError, TypeError, RecursionError) as error:
         raise ArtifactError(f"{path}: does not describe its network; needed: metadata `{NETWORK}`") from error
     require(path, "algorithm", found, algorithm)
@@ -46,7 +46,7 @@ def read_policy(
     for name, tensor in tensors.items():
         if tensor.is_floating_point() and not bool(torch.isfinite(tensor).all()):
             raise ArtifactError(f"{path}: {name} holds numbers that are not finite")
-    return tensors, network, metadata
+    return tensors, network, humanoid
 
 
 def check_tensors(path: Path, tensors: Mapping[str, Tensor], needed: Mapping[str, tuple[torch.dtype, Shape]]) -> None:

@@ -197,13 +197,13 @@ class DeterministicPolicy:
 
 
 def save_policy(
-    path: Path, sac: SAC, columns: Tensor, mean: Tensor, scale: Tensor, metadata: dict[str, str] | None = None
+    path: Path, sac: SAC, columns: Tensor, mean: Tensor, scale: Tensor, humanoid: str | None = None
 ) -> None:
     """Write the averaged policy with the columns it reads and their normalisation (safetensors)."""
     tensors = {f"policy.{name}": value.cpu().clone() for name, value in sac.average.named_tensors().items()}
     tensors |= {"columns": columns.cpu(), "observation_mean": mean.cpu(), "observation_scale": scale.cpu()}
-    network = json.dumps({"algorithm": "sac", **sac.network})
-    save_tensors(path, tensors, {"network": network, **(metadata or {})})
+    network = json.dumps({"algorithm": "sac", "humanoid": humanoid, **sac.network})
+    save_tensors(path, tensors, {"network": network})
 
 
 def load_policy(path: Path, humanoid: str | None = None) -> DeterministicPolicy:
@@ -212,9 +212,9 @@ def load_policy(path: Path, humanoid: str | None = None) -> DeterministicPolicy:
     `humanoid`: the fingerprint of the model that it must have been trained on; None: any.
     """
     sizes, options = ("inputs", "outputs"), {"layer_norm": (True, False)}
-    tensors, network, metadata = read_policy(path, algorithm="sac", sizes=sizes, options=options)
+    tensors, network, trained_on = read_policy(path, algorithm="sac", sizes=sizes, options=options)
     if humanoid is not None:
-        require(path, "humanoid", metadata.get("humanoid"), humanoid)
+        require(path, "humanoid", trained_on, humanoid)
     columns = (network["inputs"],)
     needed: dict[str, tuple[torch.dtype, tuple[int, ...]]] = {"columns": (torch.int64, columns)}
     needed |= dict.fromkeys(("observation_mean", "observation_scale"), (torch.float32, columns))

@@ -51,9 +51,14 @@ def reading(path: Path) -> Iterator[None]:
 
 
 def save_tensors(path: Path, tensors: Mapping[str, torch.Tensor], metadata: Mapping[str, str]) -> None:
-    """Save tensors of any shape with string metadata in safetensors format."""
+    """Save tensors of any shape with string metadata in safetensors format.
+
+    Raises ValueError for two entries of metadata or more: the library writes those in an order of its own every time.
+    """
     from safetensors.torch import save
 
+    if len(metadata) > 1:
+        raise ValueError(f"metadata {', '.join(metadata)}: only one entry gives the same bytes every time")
     contiguous = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
     write_bytes(path, save(contiguous, metadata=dict(metadata)))
 

@@ -80,7 +80,7 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
 
         def save() -> None:
             moments = learner.normalizer.mean_and_scale()
-            save_policy(output / "policy.safetensors", learner.sac, columns, *moments, {"humanoid": humanoid})
+            save_policy(output / "policy.safetensors", learner.sac, columns, *moments, humanoid)
 
         with deferred():
             train(config, env, windows, learner, log, output, save)

@@ -178,4 +178,4 @@ def write_policy(path: Path, seed: int, humanoid: str) -> None:
         policy_average=0.9,
         seed=seed,
     )
-    save_policy(path, sac, torch.arange(10), torch.zeros(10), torch.ones(10), {"humanoid": humanoid})
+    save_policy(path, sac, torch.arange(10), torch.zeros(10), torch.ones(10), humanoid)

@@ -63,6 +63,11 @@ def test_round_trip(artifact: Path) -> None:
     assert arrays["episode"].tolist() == list(range(7))
 
 
+def test_metadata_that_would_not_give_the_same_bytes_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="a, b: only one entry"):
+        save_tensors(tmp_path / "x.safetensors", {"w": torch.ones(2)}, {"a": "1", "b": "2"})
+
+
 def test_dtypes_without_torch_are_those_of_torch(tmp_path: Path) -> None:
     names = ["float16", "bfloat16", "float32", "float64", "int8", "int16", "int32", "int64", "uint8", "bool"]
     tensors = {name: torch.ones(2, 3).to(getattr(torch, name)) for name in names} | {"scalar": torch.tensor(1.0)}
