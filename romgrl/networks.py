@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 import torch
 from torch import nn
@@ -49,8 +49,3 @@ def initialise_orthogonal(network: nn.Sequential, output_gain: float, hidden_gai
 def mirror(values: torch.Tensor, permutation: torch.Tensor, sign: torch.Tensor) -> torch.Tensor:
     """Left-right mirror image of (N, K) `values`: column i is sign[i] * values[:, permutation[i]]."""
     return values[..., permutation] * sign
-
-
-def all_finite(tensors: Iterable[torch.Tensor]) -> bool:
-    """True if no entry is NaN or infinite."""
-    return all(bool(torch.isfinite(tensor).all()) for tensor in tensors)

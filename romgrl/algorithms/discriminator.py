@@ -10,6 +10,7 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from romgrl.algorithms.state import optimizer_state, put_all, restore_optimizer
+from romgrl.limits import check
 
 
 def discriminator_loss(real_logits: Tensor, fake_logits: Tensor, label_smoothing: float) -> Tensor:
@@ -101,7 +102,9 @@ class Discriminator:
         self.optimizer.zero_grad()
         torch.autograd.backward(loss + self.penalty_weight * penalty)
         gradient_norm = nn.utils.get_total_norm([p.grad for p in self.network.parameters() if p.grad is not None])
+        check(discriminator_loss=loss.detach(), discriminator_gradient=gradient_norm)
         self.optimizer.step()
+        check(discriminator_weights=nn.utils.get_total_norm([p.detach() for p in self.network.parameters()]))
         self.updates += 1
         return {
             "discriminator_loss": loss.detach(),

@@ -24,6 +24,7 @@ from romgrl.algorithms.state import optimizer_state, put_all, restore_optimizer
 from romgrl.artifacts import save_tensors
 from romgrl.buffers import Batch
 from romgrl.lanes import start
+from romgrl.limits import check
 
 Metrics = dict[str, Tensor]
 
@@ -99,13 +100,16 @@ class SAC:
             policy = start(self.lane, self.policy_gradient, batch.observation, noise)
         metrics = self.critic_gradient(batch, reward, following)
         metrics |= policy() if policy is not None else {}
+        check(critic_loss=metrics["critic_loss"], critic_gradient=self.critic.gradient)
         self.critic_optimizer.step()
         if due and not self.simultaneous:
             metrics |= self.policy_gradient(batch.observation, noise)
         if due:
+            check(policy_loss=metrics["policy_loss"], policy_gradient=self.policy.gradient)
             self.policy_optimizer.step()
             self.average.flat.lerp_(self.policy.flat, 1 - self.policy_average)
         self.target.flat.lerp_(self.critic.flat, self.tau)
+        check(policy_weights=self.policy.flat, critic_weights=self.critic.flat, temperature=self.log_temperature)
         self.updates += 1
         return metrics
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Protocol
 
 from romgrl import interruption
 from romgrl.checkpoint import CHECKPOINT, Checkpoints, Ring, State
+from romgrl.errors import DivergenceError
 from romgrl.progress import StageLog
 
 
@@ -44,6 +46,7 @@ class Keeper:
         self._parts, self._save_policy = parts, save_policy
         self._seconds, self._total, self._log = seconds, total, log
         self._saved = time.monotonic()
+        self._step = 0
 
     def go_on(self) -> int:
         """Restore the newest checkpoint and return its step; 0 where there is none."""
@@ -53,13 +56,26 @@ class Keeper:
         step, state = found
         for name, part in self._parts.items():
             part.restore(state[name])
+        self._step = step
         self._log.resumed(step)
         self._log.message(f"goes on at step {step:,} of {self._total:,}")
         self._saved = time.monotonic()
         return step
 
+    @contextmanager
+    def watch(self, stage: str) -> Iterator[None]:
+        """Keep signals back for `keep`, and tell after which step a training left the finite numbers."""
+        try:
+            with interruption.deferred():
+                yield
+        except DivergenceError as error:
+            raise DivergenceError(
+                f"{stage}: {error}, after step {self._step:,}; the last checkpoint is kept"
+            ) from error
+
     def keep(self, step: int) -> None:
         """Write a checkpoint where one is due; where a signal has come, write it and raise Interrupted."""
+        self._step = step
         pending = interruption.pending()
         if pending or time.monotonic() - self._saved >= self._seconds:
             self._save_policy()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
@@ -19,14 +18,13 @@ from romgrl.algorithms.sac import SAC, Metrics, save_policy
 from romgrl.buffers import Mirror, ReplayBuffer
 from romgrl.checkpoint import State
 from romgrl.config import Config
-from romgrl.errors import DivergenceError
 from romgrl.gait.windows import FrameWindows, reference_windows, window_mirror
 from romgrl.humanoid.model import fingerprint
 from romgrl.humanoid.observation import OBSERVATION_SIZE
 from romgrl.humanoid.skeleton import HINGES
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
-from romgrl.interruption import deferred
 from romgrl.lanes import second_lane, start
+from romgrl.limits import check, check_physics
 from romgrl.normalizer import RunningNormalizer
 from romgrl.progress import StageLog
 from romgrl.stages.inputs import read_reference
@@ -82,8 +80,7 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
             moments = learner.normalizer.mean_and_scale()
             save_policy(output / "policy.safetensors", learner.sac, columns, *moments, humanoid)
 
-        with deferred():
-            train(config, env, windows, learner, log, output, save)
+        train(config, env, windows, learner, log, output, save)
         save()
 
 
@@ -204,42 +201,45 @@ def train(
         total=student.total_steps,
         log=log,
     )
-    for step in range(keeper.go_on(), student.total_steps, env.num_envs):
-        action = explore(learner, loop.observation, env, random=step < student.learning_starts)
-        stepped = start(learner.sac.lane, env.step, action.cpu().numpy())
-        if step >= student.learning_starts:
-            loop.due += student.updates_per_step * env.num_envs
-            if student.learning_rate_decay:
-                learner.scale_learning_rates(min(1.0, 2 * (1 - step / student.total_steps)))
-            loop.metrics |= learner.update(int(loop.due)) if loop.due >= 1 else {}
-            loop.due -= int(loop.due)
-        judged = learner.start_discriminator()
-        observation, reward, terminated, truncated, info = stepped()
-        following = torch.from_numpy(observation).to(device)
-        learner.buffer.add(
-            loop.observation,
-            action,
-            following,
-            torch.from_numpy(reward),
-            torch.from_numpy(terminated),
-            torch.from_numpy(truncated),
-            torch.from_numpy(windows.push(frame(info, trunk, ""))),
-        )
-        learner.normalizer.update(following)
-        finished = terminated | truncated
-        windows.restart(frame(info, trunk, "reset_"), finished)
-        tally.add(info, terminated, finished)
-        loop.observation = following
-        loop.metrics |= judged()
-        done = step + env.num_envs
-        if done % LOG_INTERVAL < env.num_envs or done >= student.total_steps:
-            values = {name: float(value) for name, value in loop.metrics.items()} | tally.take()
-            check_finite(values, done)
-            log.metrics(values | learner.counts(), done)
-            log.progress(done, student.total_steps, speed=values["speed"], episode=values["episode_seconds"])
-        if learner.just_stopped():
-            log.message(f"the discriminator stopped at step {done:,}: no better on held-out windows")
-        keeper.keep(done)
+    first = keeper.go_on()
+    with keeper.watch("student"):
+        for step in range(first, student.total_steps, env.num_envs):
+            action = explore(learner, loop.observation, env, random=step < student.learning_starts)
+            stepped = start(learner.sac.lane, env.step, action.cpu().numpy())
+            if step >= student.learning_starts:
+                loop.due += student.updates_per_step * env.num_envs
+                if student.learning_rate_decay:
+                    learner.scale_learning_rates(min(1.0, 2 * (1 - step / student.total_steps)))
+                loop.metrics |= learner.update(int(loop.due)) if loop.due >= 1 else {}
+                loop.due -= int(loop.due)
+            judged = learner.start_discriminator()
+            observation, reward, terminated, truncated, info = stepped()
+            check_physics(info["diverged"])
+            check(observation=observation, reward=reward)
+            following = torch.from_numpy(observation).to(device)
+            learner.buffer.add(
+                loop.observation,
+                action,
+                following,
+                torch.from_numpy(reward),
+                torch.from_numpy(terminated),
+                torch.from_numpy(truncated),
+                torch.from_numpy(windows.push(frame(info, trunk, ""))),
+            )
+            learner.normalizer.update(following)
+            finished = terminated | truncated
+            windows.restart(frame(info, trunk, "reset_"), finished)
+            tally.add(info, terminated, finished)
+            loop.observation = following
+            loop.metrics |= judged()
+            done = step + env.num_envs
+            if done % LOG_INTERVAL < env.num_envs or done >= student.total_steps:
+                values = {name: float(value) for name, value in loop.metrics.items()} | tally.take()
+                log.metrics(values | learner.counts(), done)
+                log.progress(done, student.total_steps, speed=values["speed"], episode=values["episode_seconds"])
+            if learner.just_stopped():
+                log.message(f"the discriminator stopped at step {done:,}: no better on held-out windows")
+            keeper.keep(done)
 
 
 def frame(info: dict[str, NDArray[np.float32]], trunk: bool, prefix: str) -> NDArray[np.float32]:
@@ -270,10 +270,3 @@ def compact_mirror(mirror: ArrayMirror, columns: Tensor) -> ArrayMirror:
 def on_device(mirror: ArrayMirror, device: str) -> Mirror:
     """A mirror as tensors."""
     return torch.from_numpy(mirror[0]).to(device), torch.from_numpy(mirror[1]).to(device)
-
-
-def check_finite(values: Mapping[str, float], step: int) -> None:
-    """Stop a training that left the finite numbers."""
-    broken = [f"{name} = {value}" for name, value in values.items() if not math.isfinite(value)]
-    if broken:
-        raise DivergenceError(f"student: {', '.join(broken)} at step {step}; the last checkpoint is kept")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import math
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
 from contextlib import closing
@@ -20,12 +19,10 @@ from romgrl.algorithms.ppo import PPO, DeterministicPolicy, load_policy, save_po
 from romgrl.algorithms.rollout import Rollout
 from romgrl.checkpoint import State
 from romgrl.config import Config
-from romgrl.errors import DivergenceError
 from romgrl.gait.features import LEFT_X, RIGHT_X, Gait, until_first_fall
 from romgrl.gait.metrics import describe
-from romgrl.interruption import deferred
 from romgrl.lanes import second_lane
-from romgrl.networks import all_finite
+from romgrl.limits import check, check_physics
 from romgrl.progress import StageLog
 from romgrl.rom.vector_env import SpringLegVectorEnv
 from romgrl.stages.keeper import Keeper
@@ -44,7 +41,7 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
     env = rom_env(config, num_envs=config.teacher.num_envs, episode_steps=config.teacher.episode_steps)
     with second_lane(config.threads > 1) as lane:
         ppo = build_learner(config, env, lane)
-        with closing(env), deferred():
+        with closing(env):
             train(config, env, ppo, log, output, save=lambda: save_policy(path, ppo))
     save_policy(path, ppo)
     row = describe(check_gait(config, load_policy(path)), target_speed=config.teacher.speed)
@@ -121,15 +118,18 @@ def train(
         log=log,
     )
     rollout_size = teacher.rollout_steps * env.num_envs
-    for done in range(keeper.go_on() + rollout_size, max(teacher.total_steps, rollout_size) + 1, rollout_size):
-        loop.observation = collect(env, ppo, rollout, loop.observation, tally)
-        decay = 1.0 - (done - rollout_size) / teacher.total_steps if teacher.learning_rate_decay else 1.0
-        losses = ppo.update(rollout, learning_rate_scale=decay)
-        gait = tally.take()
-        check_finite(losses, ppo, done)
-        log.metrics(gait | losses, done)
-        log.progress(done, teacher.total_steps, speed=gait["speed"], correlation=gait["left_right_correlation"])
-        keeper.keep(done)
+    first = keeper.go_on()
+    with keeper.watch("teacher"):
+        for done in range(first + rollout_size, max(teacher.total_steps, rollout_size) + 1, rollout_size):
+            loop.observation = collect(env, ppo, rollout, loop.observation, tally)
+            decay = 1.0 - (done - rollout_size) / teacher.total_steps if teacher.learning_rate_decay else 1.0
+            losses = ppo.update(rollout, learning_rate_scale=decay)
+            gait = tally.take()
+            check(gradient=np.array(losses["gradient_norm"]), weights=ppo.weights)
+            check(loss=np.array([losses["policy_loss"], losses["value_loss"], losses["approximate_kl"]]))
+            log.metrics(gait | losses, done)
+            log.progress(done, teacher.total_steps, speed=gait["speed"], correlation=gait["left_right_correlation"])
+            keeper.keep(done)
 
 
 def collect(
@@ -141,18 +141,11 @@ def collect(
         action, log_probability = ppo.act(seen)
         rollout.store_action(step, seen, action, log_probability)
         observation, reward, terminated, truncated, info = env.step(action.clamp(-1.0, 1.0).cpu().numpy())
+        check_physics(info["diverged"])
+        check(observation=info["final_obs"], reward=reward)
         rollout.store_outcome(step, reward, terminated, truncated, info["final_obs"])
         tally.add(step, reward, terminated, truncated, info)
     return observation
-
-
-def check_finite(losses: Mapping[str, float], ppo: PPO, step: int) -> None:
-    """Stop a training that left the finite numbers."""
-    broken = [f"{name} = {value}" for name, value in losses.items() if not math.isfinite(value)]
-    if not broken and not all_finite(ppo.parameters):
-        broken = ["weights are not finite"]
-    if broken:
-        raise DivergenceError(f"teacher: {', '.join(broken)} at step {step}; the last checkpoint is kept")
 
 
 class EpisodeTally:
