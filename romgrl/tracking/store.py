@@ -86,7 +86,7 @@ class Store:
         """Find or make an experiment."""
         if name not in self._experiments:
             known = self.request("get_experiment_by_name", name) or self.make_experiment(name)
-            self._experiments[name] = known.experiment_id
+            self._experiments[name] = whole(known.experiment_id)
         return self._experiments[name]
 
     def make_experiment(self, name: str) -> Any:
@@ -111,10 +111,10 @@ class Store:
         if not found and entry["run_id"] and not entry["run_id"].startswith(LOCAL):
             found = self.existing(entry["run_id"])
         if found:
-            return str(found[0].info.run_id)
+            return whole(found[0].info.run_id)
         tags = {**entry["tags"], UID_TAG: entry["run"], **({PARENT_TAG: parent} if parent else {})}
         run = self.request("create_run", self.experiment_id(experiment), entry["at"], tags, entry["name"])
-        return str(run.info.run_id)
+        return whole(run.info.run_id)
 
     def existing(self, run_id: str) -> list[Run]:
         """The run with an id of MLflow's, if there is one."""
@@ -160,7 +160,8 @@ class Store:
     def finish(self, experiment: str, run_id: str, entry: Entry) -> None:
         """Close a run, unless it went on after this request; runs that a lost answer made are deleted."""
         for double in self.find(experiment, entry["run"]):
-            if double.info.run_id != run_id and double.info.lifecycle_stage == "active":
+            empty = not double.data.metrics and not double.data.params
+            if empty and double.info.run_id != run_id and double.info.lifecycle_stage == "active":
                 self.request("delete_run", double.info.run_id)
         run = self.request("get_run", run_id)
         if int(run.data.tags.get(RESUMED_TAG, 0)) <= entry["at"]:
@@ -186,6 +187,13 @@ def open_client(uri: str, outputs: Path) -> MlflowClient:
         client = MlflowClient(tracking_uri=uri)
         client.get_experiment_by_name("Default")
         return client
+
+
+def whole(identifier: str) -> str:
+    """An id from an answer. One that broke off after its first line reads as if it were empty."""
+    if not identifier:
+        raise OSError("the answer broke off")
+    return identifier
 
 
 def first_line(error: BaseException) -> str:
