@@ -106,6 +106,24 @@ def test_every_request_fails_in_turn(outputs: Path) -> None:
     assert total >= 20
 
 
+class BrokenStore(FaultyStore):
+    """A store of which one answer breaks off after its first line, so that it reads as if it were empty."""
+
+    def request(self, method: str, *arguments: Any, **named: Any) -> Any:
+        answer = super().request(method, *arguments, **named)
+        if method == "create_run":
+            answer.info._run_id = ""
+        return answer
+
+
+def test_an_empty_answer_names_no_run(outputs: Path) -> None:
+    told = tell(outputs, "broken")
+    with pytest.raises(OSError, match="the answer broke off"):
+        send_all(BrokenStore(outputs), outputs)
+    send_all(Store(default_uri(outputs), outputs), outputs)
+    assert differences(told, stored(outputs / "mlflow.db", "broken")) == (0, 0)
+
+
 def test_what_is_marked_is_not_sent_again(outputs: Path) -> None:
     told = tell(outputs, "once")
     (path,) = journals(outputs)
@@ -184,6 +202,18 @@ def test_a_full_disk_leaves_whole_lines(
     errors = capsys.readouterr().err
     assert errors.count("warning: not everything goes to MLflow: ") == 1
     assert str(written.path) in errors
+
+
+def test_nothing_is_written_after_the_end(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The number of the closed file may be another file's by then."""
+    recorder, written = journaled(tmp_path)
+    run = recorder.start("x", tags={})
+    written.close()
+    with (tmp_path / "other").open("wb") as other:
+        assert other.fileno() == written._file
+        run.metrics({"m": 1.0}, 1)
+    assert (tmp_path / "other").read_bytes() == b""
+    assert capsys.readouterr().err.count("not everything goes to MLflow") == 1
 
 
 def test_written_lines_come_to_the_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -259,6 +259,20 @@ def test_the_process_of_mlflow_is_killed(told: Told, server: Server, request: py
     check(told, server, request)
 
 
+def test_the_process_of_mlflow_stands_still(
+    told: Told, server: Server, request: pytest.FixtureRequest, capsys: pytest.CaptureFixture[str]
+) -> None:
+    told.start()
+    wait_until(lambda: connected(told))
+    os.kill(process_of(told.recorder)._process.pid, signal.SIGSTOP)
+    told.steps(0, 100)
+    told.finish()
+    assert capsys.readouterr().err.count("failed (no answer); going on") == 1
+    process_of(told.recorder).kill()
+    sync(None, told.directory.parent)
+    check(told, server, request)
+
+
 JOB = """
 import os, signal, sys, time
 from pathlib import Path
