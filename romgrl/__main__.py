@@ -9,8 +9,9 @@ import hydra
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
-from romgrl.composition import COMPOSITION_ERRORS, CONF, flags_first, refuse, register_schema, to_config
-from romgrl.errors import RomgrlError
+from romgrl.command_line import checked, refuse
+from romgrl.composition import COMPOSITION_ERRORS, CONF, to_config
+from romgrl.errors import ConfigurationError, RomgrlError
 from romgrl.usage import usage
 
 failures: list[RomgrlError] = []
@@ -34,11 +35,10 @@ def main() -> None:
     if {"-h", "--help"} & set(sys.argv):
         return print(usage(CONF))
     os.environ["HYDRA_FULL_ERROR"] = "1"  # errors come here instead of into Hydra's own report
-    sys.argv[1:] = flags_first(sys.argv[1:])
-    register_schema()
     try:
+        sys.argv[1:] = checked(sys.argv[1:])
         job()
-    except COMPOSITION_ERRORS as error:
+    except (ConfigurationError, *COMPOSITION_ERRORS) as error:
         sys.exit(refuse(error))
     except KeyboardInterrupt as error:
         sys.exit(getattr(error, "exit_code", 130))

@@ -1,123 +1,155 @@
-"""Hydra's side of the configuration: the schema it knows, what it composed, and its complaints in plain words."""
+"""Hydra's side of the configuration: the keys it knows, what it composed, and its complaints in plain words."""
 
 from __future__ import annotations
 
-import difflib
-import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from hydra._internal.utils import get_args_parser
 from hydra.core.config_store import ConfigStore
-from hydra.core.override_parser.overrides_parser import OverridesParser
-from hydra.core.override_parser.types import Override
-from hydra.errors import HydraException, MissingConfigException
-from omegaconf import OmegaConf
-from omegaconf.errors import OmegaConfBaseException
+from hydra.errors import HydraException
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
 
 from romgrl.config import MISSING, Config
 from romgrl.errors import ConfigurationError
+from romgrl.misfits import misfits
 from romgrl.targets import guard
-from romgrl.validation import allowed, in_range, refusal, schema_keys, unknown_key, value_of
+from romgrl.validation import (
+    allowed,
+    bad_value,
+    convert,
+    fits,
+    nearest,
+    one_line,
+    refusal,
+    schema_groups,
+    schema_keys,
+    unknown_key,
+)
 
 HERE = Path(__file__).resolve().parent
 CONF = HERE / "conf" if (HERE / "conf").is_dir() else HERE.parent / "conf"  # installed, or in a checkout
 COMPOSITION_ERRORS = (HydraException, OmegaConfBaseException)
+ABSENT = object()
 
 
 def register_schema() -> None:
-    """Tell Hydra the schema under the name that conf/config.yaml starts from, and what it may instantiate."""
+    """Tell Hydra the keys, without values or types, under the name that conf/config.yaml starts from; guard it.
+
+    `read` holds the types: Hydra would stop at the first value that does not have its own.
+    """
     guard()
-    ConfigStore.instance().store("schema", Config)
-
-
-def flags_first(arguments: Sequence[str]) -> list[str]:
-    """Put options before overrides, so that -m may stand anywhere; Hydra's parser wants it so."""
-    return sorted(arguments, key=lambda text: not text.startswith("-") and ("=" in text or text[:1] in ("~", "+")))
+    keys = OmegaConf.create()
+    for name in schema_keys():
+        OmegaConf.update(keys, name, MISSING)
+    ConfigStore.instance().store("schema", keys)
 
 
 def to_config(composed: Any) -> Config:
-    """Turn what Hydra composed into the typed configuration. Raises ConfigurationError for missing or added keys."""
-    config = OmegaConf.to_object(composed)
-    if not isinstance(config, Config):
-        raise ConfigurationError("the configuration has no schema; its defaults must start with `config`")
-    added = sorted(set(vars(config)) - {entry.name for entry in fields(Config)})
-    problems = [unknown_key(name) for name in added]
-    problems += [
-        f"{name}: has no value; give it as {name}=..." for name in schema_keys() if value_of(config, name) == MISSING
-    ]
-    if problems:
-        raise ConfigurationError("\n".join(problems))
+    """Turn what Hydra composed into the typed configuration. Raises ConfigurationError for what is no such thing."""
+    config, bad = read(composed)
+    if bad:
+        raise ConfigurationError("\n".join(line for line in bad.values() if line))
     return config
 
 
-def refuse(error: Exception) -> int:
-    """Print what is wrong with this process's command line and return the exit code."""
-    print("\n".join(explain(get_args_parser().parse_args().overrides, error)), file=sys.stderr)
-    return ConfigurationError.exit_code
+def problems(composed: DictConfig) -> list[str]:
+    """One line for everything that is wrong with what Hydra composed."""
+    config, bad = read(composed)
+    return [*(line for line in bad.values() if line), *misfits(config, bad)]
 
 
-def explain(overrides: Sequence[str], error: Exception) -> list[str]:
-    """One line per bad override; where none is at fault, the first line of Hydra's own message."""
-    sweep_without_flag = str(error).startswith("Ambiguous value")
-    lines = [line for text in overrides for line in explain_override(text, sweep_without_flag)]
-    return lines or [unavailable_choice(error) or first_line(error)]
-
-
-def explain_override(text: str, sweep_without_flag: bool) -> Iterator[str]:
-    """Yield a line for everything that is wrong with one `key=value`."""
-    try:
-        override = OverridesParser.create().parse_override(text)
-    except HydraException:
-        yield f"{text}: cannot be read; write key=value"
-        return
-    key, keys = override.key_or_group, schema_keys()
-    if key.startswith("hydra") or override.is_delete():
-        return
-    if override.is_sweep_override() and sweep_without_flag:
-        yield f"{text}: is a sweep over several values; put -m before the keys"
-    elif key in keys and not is_group(key):
-        yield from bad_values(key, override)
-    elif not is_group(key):
-        yield unknown_key(key)
-
-
-def is_group(key: str) -> bool:
-    """Tell whether `key=choice` picks a file of a group."""
-    groups = {name.partition(".")[0] for name in schema_keys() if "." in name} | {"experiment"}
-    return key in groups
-
-
-def bad_values(key: str, override: Override) -> Iterator[str]:
-    """Yield a line for every value of an override, or of its sweep, that its key does not take."""
-    entry = schema_keys()[key]
-    values = list(override.sweep_iterator()) if override.is_sweep_override() else [override.value()]
-    for value in values:
-        config = OmegaConf.structured(Config)
+def read(composed: DictConfig) -> tuple[Config, dict[str, str]]:
+    """The configuration, and by key what is wrong with it: values that are bad are missing in the configuration."""
+    keys = schema_keys()
+    bad = {name: unknown_key(name) for name in added_keys(composed)}
+    bad |= broken_groups(composed)
+    values: dict[str, Any] = {}
+    for key, entry in keys.items():
+        values[key] = MISSING
+        if key.partition(".")[0] in bad:
+            bad[key] = ""  # the line of its group says it
+            continue
         try:
-            OmegaConf.update(config, key, value)
-            fits = in_range(value, entry)
-        except OmegaConfBaseException:
-            fits = False
-        if not fits:
-            yield refusal(key, value, allowed(entry))
+            value = plain(OmegaConf.select(composed, key, default=ABSENT, throw_on_missing=True))
+        except MissingMandatoryValue:
+            value = ABSENT
+        except (OmegaConfBaseException, RecursionError) as error:
+            bad[key] = unresolved(composed, key, error)
+            continue
+        if value is ABSENT:
+            bad[key] = f"{key}: has no value; give it as {key}=...; allowed: {allowed(entry)}"
+        elif fits(value, entry):
+            values[key] = convert(value, entry)
+        else:
+            bad[key] = bad_value(key, value)
+    return assemble(values), bad
 
 
-def unavailable_choice(error: Exception) -> str | None:
-    """The line for a choice that its group does not have."""
-    if not isinstance(error, MissingConfigException) or not error.options or not error.missing_cfg_file:
-        return None
-    group, _, choice = error.missing_cfg_file.rpartition("/")
-    close = difflib.get_close_matches(choice, error.options, n=1)
-    hint = f" (did you mean {close[0]}?)" if close else ""
-    return refusal(group, choice, ", ".join(error.options) + hint)
+def plain(value: Any) -> Any:
+    """Lists and mappings of Python, with every interpolation in them resolved."""
+    return OmegaConf.to_container(value, resolve=True) if OmegaConf.is_config(value) else value
+
+
+def plain_unresolved(composed: DictConfig) -> Any:
+    """What Hydra composed in mappings of Python, interpolations as they were written."""
+    return OmegaConf.to_container(composed, resolve=False)
+
+
+def added_keys(composed: DictConfig, prefix: str = "") -> Iterator[str]:
+    """Yield the keys that the schema does not have, the outermost of a branch."""
+    keys = schema_keys()
+    for name in composed:
+        key = prefix + str(name)
+        if any(known.startswith(f"{key}.") for known in keys):
+            node = composed._get_node(name)
+            if isinstance(node, DictConfig) and not node._is_none() and not node._is_interpolation():
+                yield from added_keys(node, f"{key}.")
+        elif key not in keys and key != "hydra":
+            yield key
+
+
+def broken_groups(composed: DictConfig) -> dict[str, str]:
+    """A line for every group that is no group of keys any more."""
+    lines = {}
+    for group in schema_groups()[:-1]:
+        node = composed._get_node(group)
+        if not isinstance(node, DictConfig) or node._is_none() or node._is_missing():
+            value = None if node is None else plain_unresolved(composed)[group]
+            lines[group] = refusal(group, value, f"the keys of the group, such as {group}.{first_key(group)}: ...")
+    return lines
+
+
+def first_key(group: str) -> str:
+    """The first key of a group, without the group's name."""
+    return next(name for name in schema_keys() if name.startswith(f"{group}.")).partition(".")[2]
+
+
+def unresolved(composed: DictConfig, key: str, error: Exception) -> str:
+    """The line of an interpolation that leads nowhere, with the key that it may have meant."""
+    written = plain_unresolved(composed)
+    for part in key.split("."):
+        written = written[part]
+    text, entry = str(written), schema_keys()[key]
+    meant = nearest(text[text.find("${") + 2 :].partition("}")[0], schema_keys())
+    return f"{key}: {one_line(text)} cannot be resolved: {first_line(error)}{meant}; allowed: {allowed(entry)}"
 
 
 def first_line(error: Exception) -> str:
-    """What Hydra or OmegaConf says, on one line."""
+    """What Hydra or OmegaConf says, on one line: its first sentence, and where that ends in a colon the next."""
     cause = error.__cause__ or error
     key = getattr(cause, "full_key", None)
-    text = (str(cause).splitlines() or [type(cause).__name__])[0]
-    return f"{key}: {text}" if key else text
+    lines = [" ".join(line.split()) for line in str(cause).splitlines() if line.strip()] or [type(cause).__name__]
+    text = " ".join(lines[: 2 if lines[0].endswith(":") else 1])
+    return f"{key}: {text}" if key and key not in text else text
+
+
+def assemble(values: Mapping[str, Any], schema: Any = Config, prefix: str = "") -> Any:
+    """The dataclass of the schema with the values of all dotted keys."""
+    parts = {}
+    for entry in fields(schema):
+        name = prefix + entry.name
+        parts[entry.name] = values[name] if name in values else assemble(values, entry.default_factory, f"{name}.")
+    return schema(**parts)

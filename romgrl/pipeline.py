@@ -16,10 +16,10 @@ from romgrl.config import Config
 from romgrl.job import Job
 from romgrl.journal import redacted
 from romgrl.keys import STAGES, plan, share_threads
+from romgrl.misfits import validate
 from romgrl.progress import make_bars
 from romgrl.recorder import open_recorder, sync, ui_command
 from romgrl.summary import result_metrics, result_tables
-from romgrl.validation import validate
 from romgrl.worker import Worker, execute
 
 WORKERS = 2  # the graph has no three stages that do not need each other

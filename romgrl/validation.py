@@ -1,21 +1,31 @@
-"""Checks of a composed configuration: the range of every key, and what must fit together."""
+"""The values that a key takes, and the one line that everything else gets."""
 
 from __future__ import annotations
 
 import difflib
-import math
-import os
-from collections.abc import Iterator
+import sys
+from collections.abc import Iterable
 from dataclasses import Field, fields, is_dataclass
-from pathlib import Path
-from typing import Any
+from functools import cache
+from typing import Any, NamedTuple
 
 from romgrl.config import Config
-from romgrl.errors import ConfigurationError
 
-NAMES = {"int": "a whole number", "float": "a number", "str": "text", "bool": "true or false"}
+NAMES = {"int": "a whole number", "float": "a number", "str": "printable text", "bool": "true or false"}
+TYPES: dict[str, tuple[type, ...]] = {"int": (int,), "float": (int, float), "str": (str, int, float), "bool": (bool,)}
+LONGEST = 80  # characters of a value that a line shows
+LARGEST_SHOWN = 1 << 256  # Python refuses to write whole numbers of thousands of digits
 
 
+class Kind(NamedTuple):
+    """The type of a key: of its value, or of each entry of its list."""
+
+    item: str
+    many: bool
+    optional: bool
+
+
+@cache
 def schema_keys(schema: type = Config, prefix: str = "") -> dict[str, Field[Any]]:
     """Map every dotted key of the schema to its field; groups are walked, not listed."""
     keys: dict[str, Field[Any]] = {}
@@ -28,6 +38,11 @@ def schema_keys(schema: type = Config, prefix: str = "") -> dict[str, Field[Any]
     return keys
 
 
+def schema_groups() -> list[str]:
+    """The groups of the schema, and the presets."""
+    return [*dict.fromkeys(name.partition(".")[0] for name in schema_keys() if "." in name), "experiment"]
+
+
 def value_of(config: Any, key: str) -> Any:
     """Value at a dotted key."""
     for part in key.split("."):
@@ -35,121 +50,130 @@ def value_of(config: Any, key: str) -> Any:
     return config
 
 
+@cache
+def kind_of(entry: Field[Any]) -> Kind:
+    """Read the annotation of a key, such as `float`, `list[int]` or `float | None`."""
+    name = str(entry.type).removesuffix("| None").strip()
+    return Kind(name.removeprefix("list[").removesuffix("]"), name.startswith("list["), str(entry.type) != name)
+
+
 def allowed(entry: Field[Any]) -> str:
     """Describe the values that a key takes, as in `0 <= number <= 1` or `cpu, cuda`."""
     if entry.metadata["choices"]:
         return ", ".join(entry.metadata["choices"])
-    kind = str(entry.type)
-    optional = kind.endswith("| None")
-    kind = kind.removesuffix("| None").strip()
-    item = kind.removeprefix("list[").removesuffix("]")
-    text = NAMES[item] if item == kind else f"a list, each {NAMES[item]}"
+    kind = kind_of(entry)
+    text = f"a list of at least one, each {NAMES[kind.item]}" if kind.many else NAMES[kind.item]
     low, high, above = (entry.metadata[name] for name in ("low", "high", "above"))
-    bounds = [f"> {above:g}"] if above is not None else [f">= {low:g}"] if low is not None else []
-    bounds += [f"<= {high:g}"] if high is not None else []
+    bounds = [f"> {shown_bound(above)}"] if above is not None else [f">= {shown_bound(low)}"] if low is not None else []
+    bounds += [f"<= {shown_bound(high)}"] if high is not None else []
     text += f" {' and '.join(bounds)}" if bounds else ""
     text += f" {entry.metadata['unit']}" if entry.metadata["unit"] and bounds else ""
-    return f"{text}, or null" if optional else text
+    return f"{text}, or null" if kind.optional else text
 
 
-def show(value: Any) -> str:
-    """Write a value as YAML would."""
+def shown_bound(bound: float) -> str:
+    """Write a bound with all digits of a whole number below a billion billions."""
+    return str(int(bound)) if bound == int(bound) and abs(bound) < 1e18 else f"{bound:g}"
+
+
+def fits(value: Any, entry: Field[Any]) -> bool:
+    """Tell whether a value has the type of a key, of every entry of its list, and lies in its range and choices."""
+    kind = kind_of(entry)
     if value is None:
-        return "null"
-    return str(value).lower() if isinstance(value, bool) else str(value)
+        return kind.optional
+    if kind.many:
+        return isinstance(value, list) and len(value) > 0 and all(in_range(item, kind.item, entry) for item in value)
+    return in_range(value, kind.item, entry)
 
 
-def refusal(key: str, value: Any, permitted: str) -> str:
-    """Write the one line that every bad value gets."""
-    shown = " ".join(show(value).split())
-    return f"{key}: {shown} is not allowed; allowed: {permitted}"
-
-
-def unknown_key(key: str) -> str:
-    """Write the one line that an unknown key gets, with the nearest known one."""
-    known = list(schema_keys())
-    group, _, leaf = key.rpartition(".")
-    siblings = {name.rpartition(".")[2]: name for name in known if name.rpartition(".")[0] == group}
-    anywhere = {name.rpartition(".")[2]: name for name in reversed(known)}
-    near = difflib.get_close_matches(leaf, siblings, n=1, cutoff=0.6)
-    elsewhere = difflib.get_close_matches(leaf, anywhere, n=1, cutoff=0.75)
-    close = [siblings[name] for name in near] or [anywhere[name] for name in elsewhere]
-    hint = f"did you mean {close[0]}?" if close else "docs/configuration.md lists all keys"
-    return f"{key}: unknown key; {hint}"
-
-
-def in_range(value: Any, entry: Field[Any]) -> bool:
-    """Tell whether one value (or every entry of a list) lies in the key's range and choices."""
-    if isinstance(value, list):
-        return all(in_range(item, entry) for item in value)
-    if value is None or isinstance(value, bool):
-        return True
+def in_range(value: Any, item: str, entry: Field[Any]) -> bool:
+    """Tell whether one number, text or truth value has the type `item` and lies in the range and choices of a key."""
+    if not has_type(value, item):
+        return False
     low, high, above, choices = (entry.metadata[name] for name in ("low", "high", "above", "choices"))
-    if isinstance(value, str):
-        return not choices or value in choices
-    return (
-        math.isfinite(value)
+    if item == "str":
+        return str(value) in choices if choices else str(value).isprintable() and str(value).strip() != ""
+    if item == "bool":
+        return True
+    return bool(
+        abs(value) <= sys.float_info.max  # not nan either
         and (low is None or value >= low)
         and (high is None or value <= high)
         and (above is None or value > above)
     )
 
 
-def out_of_range(config: Config) -> Iterator[str]:
-    """Yield a line for every value outside its own range."""
-    for key, entry in schema_keys().items():
-        value = value_of(config, key)
-        if not in_range(value, entry):
-            yield refusal(key, value, allowed(entry))
-        elif str(entry.type).startswith("list[int]") and not all(size >= 1 for size in value):
-            yield refusal(key, value, "a list of whole numbers >= 1")
+def has_type(value: Any, item: str) -> bool:
+    """Tell whether a value has the type `item`; true and false are no numbers."""
+    return isinstance(value, TYPES[item]) and isinstance(value, bool) == (item == "bool")
 
 
-def misfits(config: Config) -> Iterator[str]:
-    """Yield a line for every pair of keys that do not fit together, and for what this machine lacks."""
-    for key in ("rom.reset_hip_angle", "rom.reset_speed", "humanoid.reset_speed"):
-        value = value_of(config, key)
-        if len(value) != 2 or not value[0] <= value[1]:
-            yield refusal(key, value, "two numbers, the lower one first")
-    limits = (
-        ("student.batch_size", "student.buffer_size"),
-        ("student.num_envs", "student.buffer_size"),
-        ("student.learning_starts", "student.total_steps"),
-        ("evaluation.window", "evaluation.steps"),
-        ("reference.warmup_steps", "teacher.episode_steps"),
-        ("reference.episodes", "reference.steps"),
-    )
-    for key, bound in limits:
-        if value_of(config, key) > value_of(config, bound):
-            yield refusal(key, value_of(config, key), f"at most {bound} = {value_of(config, bound)}")
-    rollout = config.teacher.num_envs * config.teacher.rollout_steps
-    if config.teacher.minibatch_size > rollout:
-        permitted = f"at most teacher.num_envs x teacher.rollout_steps = {rollout}"
-        yield refusal("teacher.minibatch_size", config.teacher.minibatch_size, permitted)
-    if config.discriminator.name != "none" and config.discriminator.window > config.reference.steps:
-        permitted = f"at most reference.steps = {config.reference.steps}"
-        yield refusal("discriminator.window", config.discriminator.window, permitted)
-    if config.humanoid.name == "humenv" and config.humanoid.xml is None:
-        yield refusal("humanoid.xml", None, "the path of HumEnv's robot.xml")
-    if config.humanoid.xml is not None and not Path(config.humanoid.xml).expanduser().is_file():
-        yield refusal("humanoid.xml", config.humanoid.xml, "a MuJoCo file that exists")
-    outputs = Path(config.paths.outputs).expanduser().absolute()
-    nearest = next(path for path in (outputs, *outputs.parents) if path.exists())
-    if not nearest.is_dir() or not os.access(nearest, os.W_OK):
-        yield refusal("paths.outputs", config.paths.outputs, "a directory that can be written")
-    if config.device == "cuda" and not cuda_available():
-        yield refusal("device", "cuda", "cpu (no CUDA device was found)")
+def convert(value: Any, entry: Field[Any]) -> Any:
+    """Give a value that fits the very type of its key: 4 becomes 4.0 where a number may have a fraction."""
+    if isinstance(value, list):
+        return [convert(item, entry) for item in value]
+    item = kind_of(entry).item
+    if value is None or item in ("int", "bool"):
+        return value
+    return float(value) if item == "float" else str(value)
 
 
-def cuda_available() -> bool:
-    """Ask torch for a CUDA device; imported only when one is asked for."""
-    import torch
+def show(value: Any) -> str:
+    """Write a value as YAML would."""
+    if value is None:
+        return "null"
+    if isinstance(value, list):
+        return f"[{', '.join(map(show, value))}]"
+    if isinstance(value, int) and not isinstance(value, bool) and abs(value) >= LARGEST_SHOWN:
+        return f"a whole number of {value.bit_length()} bits"
+    return str(value).lower() if isinstance(value, bool) else str(value)
 
-    return torch.cuda.is_available()
+
+def one_line(text: str, longest: int = LONGEST) -> str:
+    """Make text that came from outside fit to print: on one line, without control characters, not too long."""
+    text = " ".join(text.split())
+    if not text.isprintable():
+        text = "".join(sign if sign.isprintable() else ascii(sign)[1:-1] for sign in text)
+    return text if len(text) <= longest else f"{text[: longest - 3]}..."
 
 
-def validate(config: Config) -> None:
-    """Raise ConfigurationError with one line per bad key; called before any directory, run or training is made."""
-    problems = list(out_of_range(config)) or list(misfits(config))
-    if problems:
-        raise ConfigurationError("\n".join(problems))
+def refusal(key: str, value: Any, permitted: str) -> str:
+    """Write the one line that every bad value gets."""
+    return f"{one_line(key)}: {one_line(show(value)) or repr(value)} is not allowed; allowed: {permitted}"
+
+
+def bad_value(key: str, value: Any) -> str:
+    """The line of a value that does not fit its key; a misspelt choice gets the nearest one."""
+    entry = schema_keys()[key]
+    quoted = isinstance(value, str) and kind_of(entry).item != "str" and is_plain_scalar(value)
+    line = refusal(key, repr(value) if quoted else value, allowed(entry))
+    return line + nearest(show(value), entry.metadata["choices"])
+
+
+def is_plain_scalar(text: str) -> bool:
+    """Tell whether text would be a number, a truth value or nothing, were it not quoted."""
+    try:
+        float(text)
+    except ValueError:
+        return text.lower() in ("null", "true", "false")
+    return True
+
+
+def nearest(name: str, choices: Iterable[str]) -> str:
+    """Ask for the choice that is close to a misspelt one, or say nothing."""
+    close = difflib.get_close_matches(name[:LONGEST], list(choices), n=1)
+    return f" (did you mean {close[0]}?)" if close else ""
+
+
+def unknown_key(key: str) -> str:
+    """Write the one line that an unknown key gets, with the nearest known one."""
+    known = [*schema_keys(), *schema_groups()]
+    asked = key[:LONGEST].lower()
+    group, _, leaf = asked.rpartition(".")
+    siblings = {name.rpartition(".")[2]: name for name in known if name.rpartition(".")[0] == group}
+    anywhere = {name.rpartition(".")[2]: name for name in reversed(schema_keys())}
+    close = [siblings[name] for name in difflib.get_close_matches(leaf, siblings, n=1, cutoff=0.6)]
+    close += difflib.get_close_matches(asked, schema_keys(), n=1, cutoff=0.8) if group else []
+    close += [anywhere[name] for name in difflib.get_close_matches(leaf, anywhere, n=1, cutoff=0.75)]
+    hint = f"did you mean {close[0]}?" if close else "docs/configuration.md lists all keys"
+    return f"{one_line(key)}: unknown key; {hint}"

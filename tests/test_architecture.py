@@ -13,7 +13,7 @@ ROOT = Path(__file__).resolve().parents[1]
 SOURCES = sorted((ROOT / "romgrl").rglob("*.py"))
 LEARNING = {"algorithms", "networks", "buffers", "normalizer", "lanes", "limits"}
 WORLDS = {"rom", "humanoid"}
-WIRING = {"__main__", "composition", "sweep", "config_docs", "targets"}
+WIRING = {"__main__", "command_line", "composition", "loading", "sweep", "config_docs", "targets"}
 BELOW_STAGES = (
     LEARNING
     | WORLDS
@@ -37,7 +37,9 @@ ALLOWED = {
     "config": set(),
     "errors": set(),
     "stages": BELOW_STAGES,
-    "validation": {"config", "errors"},
+    "validation": {"config"},
+    "misfits": {"config", "errors", "places", "validation", "rom", "humanoid"},
+    "places": {"config", "validation"},
     "keys": {"config", "provenance", "sources", "validation"},
     "sources": set(),
     "locks": set(),
@@ -54,10 +56,10 @@ ALLOWED = {
         "interruption",
         "job",
         "keys",
+        "misfits",
         "progress",
         "recorder",
         "summary",
-        "validation",
         "worker",
     },
     "job": {
@@ -73,11 +75,13 @@ ALLOWED = {
         "workspace",
     },
     "worker": {"artifacts", "config", "errors", "interruption", "progress"},
-    "composition": {"config", "errors", "targets", "validation"},
+    "composition": {"config", "errors", "misfits", "targets", "validation"},
+    "loading": {"composition", "targets", "validation"},
+    "command_line": {"composition", "errors", "loading", "validation"},
     "targets": set(),
-    "sweep": {"composition", "errors", "recorder", "validation"},
+    "sweep": {"loading", "recorder"},
     "config_docs": {"composition", "config", "validation"},
-    "__main__": {"composition", "errors", "pipeline", "usage"},
+    "__main__": {"command_line", "composition", "errors", "pipeline", "usage"},
     "usage": set(),
     "__init__": set(),
 }

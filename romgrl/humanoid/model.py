@@ -66,7 +66,7 @@ def build(
             raise ValueError(f"{name} must be positive, not {value}")
     if substeps < 1:
         raise ValueError(f"substeps must be at least 1, not {substeps}")
-    spec = human_spec(height=height, mass=mass) if xml is None else _load(Path(xml))
+    spec = human_spec(height=height, mass=mass) if xml is None else _load(Path(xml).expanduser())
     hold_in_plane(spec, actuation=actuation)
     spec.option.timestep = 1.0 / (control_frequency * substeps)
     model: mujoco.MjModel = _compile(spec)

@@ -11,11 +11,14 @@ import pytest
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
-from romgrl import config_docs, validation
-from romgrl.composition import COMPOSITION_ERRORS, CONF, explain, to_config
+from romgrl import config_docs, misfits
+from romgrl.command_line import faults
+from romgrl.composition import CONF
 from romgrl.config import STAGES, Config
 from romgrl.errors import ConfigurationError
-from romgrl.validation import schema_keys, validate, value_of
+from romgrl.humanoid.human import human_spec
+from romgrl.misfits import validate
+from romgrl.validation import schema_keys, value_of
 from tests.conftest import Composer
 from tests.pipeline.conftest import ROOT, Command
 
@@ -32,7 +35,7 @@ def test_files_are_short(path: Path) -> None:
 def test_every_choice_composes_and_is_valid(compose_config: Composer, choice: str, tmp_path: Path) -> None:
     extra = []
     if choice == "humanoid=humenv":
-        (tmp_path / "robot.xml").touch()
+        (tmp_path / "robot.xml").write_text(human_spec(height=1.7, mass=70).to_xml())
         extra = [f"humanoid.xml={tmp_path}/robot.xml"]
     config = compose_config(choice, *extra)
     validate(config)
@@ -101,8 +104,8 @@ REFUSED = {
     "seed=1.5": "seed: 1.5 is not allowed; allowed: a whole number >= 0",
     "eta=true": "eta: true is not allowed; allowed: a number >= 0 and <= 1",
     "speed=null": "speed: null is not allowed; allowed: a number >= 0 and <= 10 m/s",
-    "student.hidden_sizes=3": "student.hidden_sizes: 3 is not allowed; allowed: a list, each a whole number",
-    "student.hidden_sizes=[a]": "student.hidden_sizes: ['a'] is not allowed; allowed: a list, each a whole number",
+    "student.hidden_sizes=3": "student.hidden_sizes: 3 is not allowed; allowed: a list of at least",
+    "student.hidden_sizes=[a]": "student.hidden_sizes: [a] is not allowed; allowed: a list of at least",
     "student.mirror=maybe": "student.mirror: maybe is not allowed; allowed: true or false",
     "rom=spring_lag": "rom: spring_lag is not allowed; allowed: free_trunk, paper_spring_leg, spring_leg (",
     "~speed": "speed: has no value; give it as speed=...",
@@ -110,7 +113,7 @@ REFUSED = {
     "speed": "speed: cannot be read; write key=value",
     "seed='x": "seed='x: cannot be read; write key=value",
     "rom.reset_speed=[2,1]": "rom.reset_speed: [2.0, 1.0] is not allowed; allowed: two numbers, the lower one first",
-    "student.hidden_sizes=[0]": "student.hidden_sizes: [0] is not allowed; allowed: a list of whole numbers >= 1",
+    "student.hidden_sizes=[0]": "student.hidden_sizes: [0] is not allowed; allowed: a list of at least",
     "student.batch_size=9999999": "student.batch_size: 9999999 is not allowed; allowed: at most student.buffer_size",
     "evaluation.window=400": "evaluation.window: 400 is not allowed; allowed: at most evaluation.steps = ",
     "teacher.minibatch_size=99999": "teacher.minibatch_size: 99999 is not allowed; allowed: at most teacher.num",
@@ -121,16 +124,8 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("override", REFUSED)
-def test_refusals(compose_config: Composer, override: str) -> None:
-    try:
-        with initialize_config_dir(str(CONF), version_base="1.3"):
-            validate(to_config(compose("config", overrides=[override])))
-    except COMPOSITION_ERRORS as error:
-        lines = explain([override], error)
-    except ConfigurationError as error:
-        lines = str(error).splitlines()
-    else:
-        lines = []
+def test_refusals(override: str) -> None:
+    lines = faults([override])
     assert [line[: len(REFUSED[override])] for line in lines] == [REFUSED[override]]
 
 
@@ -138,13 +133,13 @@ def test_refusals(compose_config: Composer, override: str) -> None:
 def test_cuda_is_refused_where_there_is_none(
     compose_config: Composer, monkeypatch: pytest.MonkeyPatch, found: bool
 ) -> None:
-    monkeypatch.setattr(validation, "cuda_available", lambda: found)
+    monkeypatch.setattr(misfits, "cuda_available", lambda: found)
     line = "device: cuda is not allowed; allowed: cpu (no CUDA device was found)"
     with nullcontext() if found else pytest.raises(ConfigurationError, match=f"^{re.escape(line)}$"):
         validate(compose_config("device=cuda"))
 
 
-@pytest.mark.skipif(validation.cuda_available(), reason="there is a CUDA device")
+@pytest.mark.skipif(misfits.cuda_available(), reason="there is a CUDA device")
 def test_the_command_line_refuses_cuda_before_any_work(command: Command, tmp_path: Path) -> None:
     result = command("device=cuda")
     assert (result.returncode, result.stdout) == (2, "")

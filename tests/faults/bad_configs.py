@@ -1,0 +1,197 @@
+"""Bad and good command lines: from the schema, every key at least once, and the special forms."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+from romgrl.validation import kind_of, schema_keys
+
+HEAD = "defaults:\n  - config\n  - _self_\n"
+
+
+@dataclass(frozen=True)
+class Case:
+    """A command line, the files of its --config-dir, and what each line of its refusal has to say."""
+
+    arguments: tuple[str, ...]
+    says: tuple[tuple[str, ...], ...]
+    files: dict[str, str | bytes] = field(default_factory=dict)
+
+
+def case(*arguments: str, says: str | tuple[str, ...], more: tuple[tuple[str, ...], ...] = ()) -> Case:
+    """A command line and the words of its one line, or of several."""
+    return Case(arguments, ((says,) if isinstance(says, str) else says, *more))
+
+
+def file(text: str | bytes, *arguments: str, says: tuple[tuple[str, ...], ...]) -> Case:
+    """The configuration mine.yaml of a user."""
+    return Case(("--config-name=mine", *arguments), says, {"mine.yaml": text})
+
+
+def from_schema(seed: int) -> Iterator[Case]:
+    """A bad value for every key, its form drawn from those that the key cannot take."""
+    draw = random.Random(seed)
+    for key, entry in schema_keys().items():
+        if key == "experiment":
+            continue  # a group: see SPECIAL
+        forms = bad_forms(entry)
+        yield case(f"{key}={draw.choice(forms)}", says=(f"{key}: ", "is not allowed; allowed: "))
+
+
+def bad_forms(entry: Any) -> list[str]:
+    """The forms of a value that a key cannot take."""
+    kind = kind_of(entry)
+    forms = ["{a: 1}", "''", *([] if kind.optional else ["null"])]
+    if kind.many:
+        return [*forms, "4", "[]", "[a]", "[true]", "[nan]", "[1e400]", "[-999]", "[[1]]"]
+    forms += ["[1, 2]"]
+    if entry.metadata["choices"]:
+        return [*forms, "nothing", "4", "true"]
+    numbers = ["nan", "inf", "-inf", "1e400", "-1e400", "true", "false", "abc", "'4'", '"1.5"', "-1e30"]
+    numbers += ["1e30"] if entry.metadata["high"] is not None else []
+    numbers += ["1.5", str(2**70)] if kind.item == "int" else []
+    numbers += ["-1"] if entry.metadata["low"] == 0 or entry.metadata["above"] == 0 else []
+    return forms + {"bool": ["1", "0", "yes", "4.0", "'true'"], "str": ["true", '"\t"', "' '"]}.get(kind.item, numbers)
+
+
+def typos(seed: int, count: int) -> Iterator[Case]:
+    """Keys with a letter lost, doubled or exchanged for the next one."""
+    draw = random.Random(seed)
+    long = [key for key in schema_keys() if len(key.rpartition(".")[2]) >= 5]
+    for key in draw.sample(long, count):
+        group, dot, leaf = key.rpartition(".")
+        place = draw.randrange(1, len(leaf) - 2)
+        ends = (leaf[:place] + leaf[place + 1 :], leaf[:place] + leaf[place - 1 :], swapped(leaf, place))
+        wrong = draw.choice([end for end in ends if end != leaf])
+        prefix = draw.choice(["", "+", "++"])
+        yield case(f"{prefix}{group}{dot}{wrong}=1", says=(f"{group}{dot}{wrong}: unknown key", f"mean {key}?"))
+
+
+def swapped(text: str, place: int) -> str:
+    """Text with two neighbours exchanged."""
+    return text[:place] + text[place + 1] + text[place] + text[place + 2 :]
+
+
+ALLOWED = "is not allowed; allowed: "
+SPEED = ("speed: ", ALLOWED, ">= 0 and <= 10 m/s")
+SPECIAL = (
+    case("spede=4", "eta=7", "seed=x", "teacher.learning_rat=1", "student.buffer_size=100",
+         says=("spede: unknown key; did you mean speed?",),
+         more=(("teacher.learning_rat: unknown key; did you mean teacher.learning_rate?",),
+               ("eta: 7",), ("seed: x",), ("student.batch_size: 256", "student.buffer_size = 100"),
+               ("student.buffer_size: 100", "4 x student.num_envs"))),
+    case("speed=", says=SPEED),
+    case("speed='x", says=("speed=", "cannot be read", "<= 10 m/s")),
+    case("speed=[1", says=("speed=[1", "cannot be read", "<= 10 m/s")),
+    case("speed={a:", says=("speed={a:", "cannot be read")),
+    case("speed=" + "9" * 5000, says=("speed=999", "...", "cannot be read", "<= 10 m/s")),
+    case("speed=" + "a" * 5000, says=("speed: aaa", "...", "<= 10 m/s")),
+    case("spéed=1", says=("spéed", "did you mean speed?")),
+    case("Speed=1", says="did you mean speed?"),
+    case("speed", says="write key=value"),
+    case("=4", says="write key=value"),
+    case("speed=1", "speed=2", says=("speed: ", "has 2 values, 1 and 2")),
+    case("rom=spring_leg", "rom=free_trunk", says=("rom: ", "has 2 values")),
+    case("speed=1,2", says=("speed=1,2: ", "put -m before the keys")),
+    case("speed=???", says=("speed: has no value", "<= 10 m/s")),
+    case("speed=${nothing}", says=("speed: ${nothing} cannot be resolved", "<= 10 m/s")),
+    case("teacher.speed=${sped}", says=("teacher.speed: ${sped} cannot be resolved", "did you mean speed?")),
+    case("speed=${teacher.speed}", "teacher.speed=${speed}", says=("speed: ", "Recursive"),
+         more=(("teacher.speed: ", "Recursive"),)),
+    case("speed=${oc.env:ROMGRL_NO_SUCH_NAME}", says=("speed: ", "ROMGRL_NO_SUCH_NAME")),
+    case("~speed", says="speed: has no value"),
+    case("~teacher.speed", says="teacher.speed: has no value"),
+    case("~rom", says=("rom: has no value", "spring_leg")),
+    case("~nothing", says="nothing: unknown key"),
+    case("+newkey=1", says="newkey: unknown key"),
+    case("+speed=1", says=("+speed=1: ", "write speed=1")),
+    case("++speed=abc", says=SPEED),
+    case("++teacher.new.key=1", says="teacher.new.key: unknown key"),
+    case("student.hidden_sizes.0=5", says=("student.hidden_sizes.0: unknown key", "student.hidden_sizes?")),
+    case("rom=ppo", says=("rom: ppo", ALLOWED, "spring_leg")),
+    case("teacher=spring_leg", says=("teacher: spring_leg", ALLOWED, "ppo")),
+    case("rom=null", says=("rom: null", ALLOWED)),
+    case("rom=[free_trunk]", says=("rom: [free_trunk]", ALLOWED)),
+    case("rom@student=spring_leg", says=("rom@student", "write rom=")),
+    case("rom=sprung_leg", says=("rom: sprung_leg", "did you mean spring_leg?")),
+    case("experiment=smok", says=("experiment: smok", "did you mean smoke?")),
+    case("experiment=null", says=("experiment: null", ALLOWED)),
+    case("hydra/launcher=basik", says=("hydra/launcher: basik", "did you mean basic?")),
+    case("hydra.mode=FAST", says=("hydra.mode: ", "FAST", "RUN, MULTIRUN")),
+    case("hydra.nothing=1", says="hydra.nothing"),
+    case("--foo", says="--foo: unknown option"),
+    case("--multirum", says=("--multirum: unknown option", "--multirun?")),
+    case("--config-name=nothing", says=("--config-name: nothing", ALLOWED)),
+    case("--config-name", says="--config-name"),
+    case("--config-dir=/no/such/place", says=("--config-dir: /no/such/place", ALLOWED)),
+    case("--config-path=conf", says=("--config-path: conf", ALLOWED)),
+    case("--cfg=all", "-m", says=("--cfg --multirun: only one",)),
+    case("--resolve", says="--resolve: goes with --cfg"),
+    case("--experimental-rerun=job.pickle", says="--experimental-rerun: is not available"),
+    case("-m", "speed=1,99", says=("speed: 99", ALLOWED)),
+    case("-m", "eta=a,0.5", "seed=0,1.5", says=("eta: a", ALLOWED), more=(("seed: 1.5", ALLOWED),)),
+    case("-m", "rom=spring_leg,sprung_leg", says=("rom: sprung_leg", "did you mean spring_leg?")),
+    case("-m", "spede=1,2", says=("spede: unknown key; did you mean speed?",)),
+    case("-m", "speed=interval(0,1)", says=("speed=interval(0,1): has no end", "<= 10 m/s")),
+    case("-m", "speed=glob(*)", says=("speed=glob(*): names no value", "<= 10 m/s")),
+    case("-m", "speed=1,,2", says=("speed=1,,2: cannot be read", "<= 10 m/s")),
+)  # fmt: skip
+
+FILES = (
+    file(HEAD + "speed: [1\n", says=(("mine.yaml:5: is not YAML",),)),
+    file(HEAD + "speed: 1\nspeed: 2\n", "eta=7", says=(("eta: 7",), ("mine.yaml:5: ", "duplicate key speed"))),
+    file(HEAD + "speed: !!python/object/apply:os.mkdir [ran]\n", says=(("mine.yaml:4: ", "python"),)),
+    file(HEAD.encode() + b"speed: \xe9\n", says=(("mine.yaml: is not UTF-8",),)),
+    file("speed: 4\n", says=(("mine: has no schema",),)),
+    file("- speed\n", says=(("mine", "DictConfig"),)),
+    file("defaults: 5\n", says=(("mine: cannot be composed", "defaults"),)),
+    file("defaults:\n  - config\n  - nothing\n", says=(("defaults: nothing", ALLOWED),)),
+    file("defaults:\n  - config\n  - mine\n", says=(("mine: cannot be composed", "recursion"),)),
+    file("defaults:\n  - config\n  - override /teacher: pppo\n", says=(("teacher: pppo", "did you mean ppo?"),)),
+    file(HEAD + "spede: 1\nteacher: {lerning_rate: 1, alpha: x}\nrom: 5\n",
+         says=(("teacher.lerning_rate: unknown key", "teacher.learning_rate?"), ("spede: ", "did you mean speed?"),
+               ("rom: 5", ALLOWED), ("teacher.alpha: x", ALLOWED))),
+    file(HEAD + "teacher: null\n", says=(("teacher: null", ALLOWED),)),
+    file(HEAD + "teacher: [1, 2]\n", says=(("mine", "Cannot merge DictConfig with ListConfig"),)),
+    file(HEAD + "speed: .nan\neta: .inf\nnoise: '1'\n",
+         says=(("speed: nan", ALLOWED), ("eta: inf", ALLOWED), ("noise: '1'", ALLOWED))),
+    file(HEAD + "seed: 0x" + "f" * 5000 + "\n", says=(("seed: a whole number of 20000 bits", ALLOWED),)),
+    file(HEAD + "paths: {outputs: \"a\\0b\"}\n", says=(("paths.outputs: a\\x00b", ALLOWED),)),
+    file(HEAD + "tracking: {experiment: \"a\\e[2Jb\"}\n", says=(("tracking.experiment: a\\x1b[2Jb", ALLOWED),)),
+    file(HEAD + "speed: ${nothing}\n", says=(("speed: ${nothing} cannot be resolved",),)),
+    file(HEAD + "speed: ${spe\n", says=(("speed: ",),)),
+    file(HEAD + "hydra: {mode: FAST}\n", says=(("mine", "FAST", "RUN, MULTIRUN"),)),
+    file(HEAD + "hydra: {searchpath: ['file:///no/such/place']}\n", says=(("/no/such/place is not available",),)),
+    file(HEAD + "hydra: {mode: MULTIRUN, sweeper: {params: {eta: '0.5,9'}}}\n", says=(("eta: 9", ALLOWED),)),
+    file(HEAD + "hydra: {sweeper: {params: {spede: '1,2', eta: '1,,2'}}}\n", "-m",
+         says=(("spede: unknown key",), ("eta=1,,2: cannot be read",))),
+    Case(("teacher=mine", "eta=7"), (("eta: 7", ALLOWED), ("mine.yaml:1: is not",)), {"teacher/mine.yaml": "x: ]"}),
+)  # fmt: skip
+
+MISFITS = (
+    ("evaluation.window", "evaluation.window=400"),
+    ("evaluation.window", "evaluation.window=120 evaluation.steps=110"),
+    ("student.batch_size", "student.batch_size=9999999"),
+    ("student.learning_starts", "student.learning_starts=0"),
+    ("student.learning_starts", "student.learning_starts=230001"),
+    ("student.buffer_size", "student.buffer_size=100 student.batch_size=64 student.learning_starts=64"),
+    ("reference.warmup_steps", "reference.warmup_steps=401"),
+    ("reference.episodes", "reference.episodes=2001"),
+    ("teacher.minibatch_size", "teacher.minibatch_size=99999"),
+    ("teacher.rollout_steps", "teacher.num_envs=1 teacher.rollout_steps=1 teacher.minibatch_size=1"),
+    ("discriminator.window", "discriminator.window=32 reference.episodes=100 evaluation.window=20"),
+    ("discriminator.held_out", "discriminator.held_out=0.00001"),
+    ("rom.reset_hip_angle", "rom.hip_angle_limit=0.2"),
+    ("rom.reset_speed", "rom.reset_speed=[2,1]"),
+    ("humanoid.reset_speed", "humanoid.reset_speed=[0,1,2]"),
+    ("rom.stiffness", "rom.substeps=1"),
+    ("rom.mass", "rom.foot_mass=40"),
+    ("rom.compression_limit", "rom.compression_limit=1 rom.extension_limit=1"),
+    ("humanoid.xml", "humanoid=humenv"),
+    ("tracking.uri", "tracking.uri=./mlruns"),
+    ("tracking.experiment", "tracking.experiment=" + "x" * 300),
+    ("paths.outputs", "paths.outputs=" + "x" * 300),
+)
