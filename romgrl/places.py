@@ -8,6 +8,7 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 from romgrl.config import Config
+from romgrl.journal import redacted
 from romgrl.validation import refusal
 
 SERVERS = ("http", "https")
@@ -55,7 +56,7 @@ def tracking_store(config: Config) -> Iterator[str]:
     if tracking.uri is not None and not store_uri(tracking.uri, Path(config.paths.outputs)):
         permitted = "http://HOST:PORT, sqlite:///PATH of a file that can be written, "
         permitted += ", ".join(f"{name}://..." for name in DATABASES)
-        yield refusal("tracking.uri", tracking.uri, f"{permitted}, or null")
+        yield refusal("tracking.uri", redacted(tracking.uri), f"{permitted}, or null")
 
 
 def store_uri(uri: str, outputs: Path) -> bool:

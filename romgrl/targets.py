@@ -49,8 +49,9 @@ class GuardedLoader(ConfigLoaderImpl):
     def _process_config_searchpath(self, config_name: str | None, parsed_overrides: Any, repo: Any) -> None:
         loaded = repo.load_config(config_path=config_name) if config_name is not None else None
         given = [override.value() for override in parsed_overrides if override.key_or_group == "hydra.searchpath"]
-        named = loaded is not None and OmegaConf.is_dict(loaded.config)  # Hydra says what is wrong with a list
-        given.append(OmegaConf.select(loaded.config, "hydra.searchpath") if named else None)
+        primary = loaded.config if loaded is not None else None
+        if isinstance(primary, DictConfig):  # Hydra says what is wrong with a list
+            given.append(OmegaConf.select(primary, "hydra.searchpath"))
         for path in (path for paths in given for path in paths or ()):
             if "://" in str(path) and not str(path).startswith("file://"):
                 raise HydraException(f"hydra.searchpath: {path} is not allowed; allowed: file://DIRECTORY")

@@ -39,7 +39,7 @@ ALLOWED = {
     "stages": BELOW_STAGES,
     "validation": {"config"},
     "misfits": {"config", "errors", "places", "validation", "rom", "humanoid"},
-    "places": {"config", "validation"},
+    "places": {"config", "journal", "validation"},
     "keys": {"config", "provenance", "sources", "validation"},
     "sources": set(),
     "locks": set(),

@@ -192,6 +192,7 @@ MISFITS = (
     ("rom.compression_limit", "rom.compression_limit=1 rom.extension_limit=1"),
     ("humanoid.xml", "humanoid=humenv"),
     ("tracking.uri", "tracking.uri=./mlruns"),
+    ("tracking.uri: oracle://me:***@host", "tracking.uri=oracle://me:secret@host/runs"),
     ("tracking.experiment", "tracking.experiment=" + "x" * 300),
     ("paths.outputs", "paths.outputs=" + "x" * 300),
 )
