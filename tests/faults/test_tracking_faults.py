@@ -73,7 +73,7 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
         wait_until(lambda: listening(port), 120)
         yield Server(directory, port)
     finally:
-        os.killpg(process.pid, signal.SIGTERM)
+        os.killpg(process.pid, signal.SIGKILL)
         process.wait()
 
 
@@ -340,7 +340,7 @@ def test_the_line_that_is_printed_listens_on_loopback_only(tmp_path: Path) -> No
         wait_until(lambda: listening(port), 120)
         addresses = listeners(port)
     finally:
-        os.killpg(process.pid, signal.SIGTERM)
+        os.killpg(process.pid, signal.SIGKILL)
         process.wait()
     print(f"{shlex.join(command)}: {len(addresses)} listening sockets, {addresses}")
     assert addresses == {"0100007F"}  # 127.0.0.1, and nothing in tcp6
