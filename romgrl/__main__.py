@@ -11,6 +11,7 @@ from omegaconf import DictConfig
 
 from romgrl.command_line import checked, refuse
 from romgrl.composition import COMPOSITION_ERRORS, CONF, to_config
+from romgrl.endings import exit_code_of
 from romgrl.errors import ConfigurationError, RomgrlError
 from romgrl.usage import usage
 
@@ -20,11 +21,10 @@ failures: list[RomgrlError] = []
 @hydra.main(version_base="1.3", config_path=str(CONF), config_name="config")
 def job(composed: DictConfig) -> None:
     """Run one job, named by its overrides; a failure is told at once, and the other jobs of a sweep go on."""
-    from romgrl import pipeline
+    from romgrl.launch import run_job
 
-    overrides = [text for text in HydraConfig.get().overrides.task if not text.startswith("hydra")]
     try:
-        pipeline.run(to_config(composed), name=" ".join(overrides) or "job", parent=os.environ.get("ROMGRL_PARENT_RUN"))
+        run_job(to_config(composed), HydraConfig.get().overrides.task)
     except RomgrlError as error:
         print(error, file=sys.stderr)
         failures.append(error)
@@ -40,8 +40,8 @@ def main() -> None:
         job()
     except (ConfigurationError, *COMPOSITION_ERRORS) as error:
         sys.exit(refuse(error))
-    except KeyboardInterrupt as error:
-        sys.exit(getattr(error, "exit_code", 130))
+    except (KeyboardInterrupt, RuntimeError) as error:
+        sys.exit(exit_code_of(error))
     sys.exit(failures[0].exit_code if failures else 0)
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from hydra.core.config_store import ConfigStore
+from hydra.core.plugins import Plugins
 from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
@@ -45,6 +46,17 @@ def register_schema() -> None:
     for name in schema_keys():
         OmegaConf.update(keys, name, MISSING)
     ConfigStore.instance().store("schema", keys)
+    rename_launcher_schemas()
+
+
+def rename_launcher_schemas() -> None:
+    """Move the schemas of installed launchers to a group of their own: conf's files of the same names extend them."""
+    Plugins.instance()  # finds what is installed
+    repository = ConfigStore.instance().repo
+    for path in (CONF / "hydra" / "launcher").glob("*.yaml"):
+        if path.name in repository["hydra"]["launcher"]:
+            schemas = repository.setdefault("launcher_schema", {})
+            schemas[path.name] = repository["hydra"]["launcher"].pop(path.name)
 
 
 def to_config(composed: Any) -> Config:

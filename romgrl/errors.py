@@ -35,3 +35,7 @@ class StorageError(RomgrlError):
     """A disk is full, read-only or broken."""
 
     exit_code = 5
+
+
+class LaunchError(RomgrlError):
+    """A job of a sweep ended without a result."""

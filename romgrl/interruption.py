@@ -12,6 +12,8 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGUSR2)  # Ctrl-C, a scheduler
 
 _deferring = _once = False
 _pending: signal.Signals | None = None
+_left: set[signal.Signals] = set()
+_previous: dict[signal.Signals, Callable[[int, FrameType | None], object]] = {}  # handlers of a launcher
 
 
 class Interrupted(KeyboardInterrupt):
@@ -38,8 +40,31 @@ def listen(*, once: bool = False) -> None:
     global _pending, _once
     _pending, _once = None, once
     if threading.current_thread() is threading.main_thread():
-        for number in SIGNALS:
-            signal.signal(number, _answer)
+        for number in set(SIGNALS) - _left:
+            handler = signal.signal(number, _answer)
+            if callable(handler) and handler not in (_answer, signal.default_int_handler):
+                _previous[number] = handler
+
+
+def leave(number: signal.Signals) -> None:
+    """Do not answer a signal from the next `listen` on."""
+    _left.add(number)
+
+
+def rest() -> None:
+    """Ignore all SIGNALS until the next `listen`."""
+    for number in SIGNALS:
+        signal.signal(number, signal.SIG_IGN)
+
+
+def hand_over(interrupted: Interrupted) -> None:
+    """Call the handler that a launcher had put on the signal, now that all is saved.
+
+    A launcher that starts the job again raises SystemExit; without one, nothing happens.
+    """
+    handler = _previous.get(interrupted.number)
+    if handler is not None:
+        handler(interrupted.number, None)
 
 
 @contextmanager

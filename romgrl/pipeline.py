@@ -78,9 +78,16 @@ def bring_the_rest(config: Config, console: Console) -> dict[str, Path]:
 
 def resolve(config: Config) -> Config:
     """Make the output directory absolute and the number of threads explicit."""
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     outputs = Path(config.paths.outputs).expanduser().resolve()
-    return replace(config, threads=config.threads or cores, paths=replace(config.paths, outputs=str(outputs)))
+    return replace(
+        config, threads=config.threads or available_cores(), paths=replace(config.paths, outputs=str(outputs))
+    )
+
+
+def available_cores() -> int:
+    """Cores that this process may use: its share of the machine, and of a job of Slurm."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return min(cores, int(os.environ.get("SLURM_CPUS_PER_TASK", cores)))
 
 
 def run_stages(job: Job) -> None:

@@ -1,43 +1,129 @@
-"""Hydra callback of sweeps: all jobs share one parent run. Every job was checked before the first one starts."""
+"""Hydra callback of sweeps: where their jobs run, and the parent run that they share. All of them were checked."""
 
 from __future__ import annotations
 
 import atexit
 import os
+import signal
+import sys
+from collections.abc import Callable
+from importlib.util import find_spec
 from pathlib import Path
+from shutil import which
+from types import FrameType
 from typing import Any
 
 from hydra.core.global_hydra import GlobalHydra
+from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.experimental.callback import Callback
 from omegaconf import DictConfig
 
+from romgrl.errors import ConfigurationError
+from romgrl.interruption import SIGNALS
+from romgrl.launch import LAUNCH_VARIABLE, PARENT_VARIABLE, SHARES_TERMINAL, Launch
 from romgrl.loading import stored_sweep, sweep_jobs
+from romgrl.pipeline import available_cores
 from romgrl.recorder import open_recorder
 
-PARENT_VARIABLE = "ROMGRL_PARENT_RUN"
+
+def check_launcher(config: DictConfig) -> None:
+    """Raise ConfigurationError where the launcher, or what it needs, is not installed."""
+    target = str(config.hydra.launcher._target_)
+    name = config.hydra.runtime.choices["hydra/launcher"]
+    try:
+        installed = find_spec(target.rpartition(".")[0]) is not None
+    except ModuleNotFoundError:
+        installed = False
+    if not installed:
+        extra = str(name).partition("_")[0]
+        raise ConfigurationError(f"hydra/launcher={name}: is not installed; pip install 'romgrl[{extra}]'")
+    if name == "submitit_slurm" and not (which("sbatch") and which("srun")):
+        raise ConfigurationError(f"hydra/launcher={name}: there is no sbatch and srun of Slurm on this machine")
+
+
+def plan_launch(config: DictConfig, jobs: int) -> Launch | None:
+    """How a launcher spreads the jobs; None for Hydra's own, which runs one after the other in this process."""
+    name = str(config.hydra.runtime.choices["hydra/launcher"])
+    if name == "basic":
+        return None
+    at_once = {"joblib": joblib_processes(config.hydra.launcher.get("n_jobs", 1)), "submitit_local": jobs}.get(name, 1)
+    parsed = OverridesParser.create().parse_overrides([*stored_sweep(config), *config.hydra.overrides.task])
+    varied = [override.get_key_element() for override in parsed if override.is_sweep_override()]
+    return Launch(name, str(Path(config.hydra.sweep.dir).absolute()), max(1, min(at_once, jobs)), varied)
+
+
+def joblib_processes(n_jobs: int) -> int:
+    """What joblib makes of n_jobs: -1 is all cores, -2 all but one."""
+    return n_jobs if n_jobs > 0 else available_cores() + 1 + n_jobs
 
 
 class SweepCallback(Callback):
     """Opens the parent run at the start of `-m` and closes it at the end; jobs find its id in the environment."""
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Launchers send the callbacks to other processes, where this one has nothing to do."""
+        return {}
+
     def on_multirun_start(self, config: DictConfig, **kwargs: Any) -> None:
         """Start the parent run."""
+        try:
+            check_launcher(config)
+        except ConfigurationError as error:
+            print(error, file=sys.stderr)
+            sys.exit(error.exit_code)
         tracking = config.tracking
         outputs = Path(str(config.paths.outputs)).expanduser().resolve()
         self._recorder = open_recorder(tracking.uri, str(tracking.experiment), outputs, enabled=tracking.enabled)
         overrides = [*config.hydra.overrides.task]
         name = "sweep " + " ".join(overrides) if overrides else f"sweep {config.hydra.job.config_name}"
-        jobs = sweep_jobs([*stored_sweep(config), *overrides], GlobalHydra.instance().config_loader())
-        self._run = self._recorder.start(name, tags={"stage": "sweep"}, params={"jobs": len(jobs)})
+        jobs = len(sweep_jobs([*stored_sweep(config), *overrides], GlobalHydra.instance().config_loader()))
+        self._run = self._recorder.start(name, tags={"stage": "sweep"}, params={"jobs": jobs})
         atexit.register(self._end, "KILLED")
         os.environ[PARENT_VARIABLE] = self._run.local_id if tracking.enabled else ""
+        self._launch, self._signals = plan_launch(config, jobs), Signals()
+        if self._launch is not None:
+            self._announce(self._launch, jobs)
+
+    def _announce(self, launch: Launch, jobs: int) -> None:
+        Path(launch.directory).mkdir(parents=True, exist_ok=True)
+        launch.announce()
+        if launch.launcher == SHARES_TERMINAL:
+            self._signals.pass_on(launch.stop)
+            print(f"sweep: {jobs} jobs, {launch.at_once} at once", flush=True)
+        else:
+            print(f"sweep: {jobs} jobs; what they say is in {launch.directory}/.submitit", flush=True)
 
     def on_multirun_end(self, config: DictConfig, **kwargs: Any) -> None:
-        """Close the parent run."""
-        self._end("FINISHED")
+        """Close the parent run; the exit code of jobs in other processes is that of the first one that failed."""
+        failures = self._launch.failures() if self._launch is not None else []
+        if self._launch is not None and self._launch.launcher != SHARES_TERMINAL:
+            print("".join(f"{text}\n" for text, _ in failures), end="", file=sys.stderr)
+        self._end("KILLED" if self._signals.first is not None else "FINISHED")
         os.environ.pop(PARENT_VARIABLE, None)
+        os.environ.pop(LAUNCH_VARIABLE, None)
+        if self._signals.first is not None:
+            sys.exit(128 + self._signals.first)
+        if failures:
+            sys.exit(failures[0][1])
 
     def _end(self, status: str) -> None:
         atexit.unregister(self._end)
         self._run.finish(status)
         self._recorder.close()
+
+
+class Signals:
+    """Signals to a sweep whose jobs are other processes: they end in good order, and the sweep after them."""
+
+    def __init__(self) -> None:
+        self.first: int | None = None
+
+    def pass_on(self, stop: Callable[[], None]) -> None:
+        """Answer all SIGNALS with `stop`."""
+
+        def answer(number: int, frame: FrameType | None) -> None:
+            self.first = self.first or number
+            stop()
+
+        for number in SIGNALS:
+            signal.signal(number, answer)

@@ -79,9 +79,11 @@ ALLOWED = {
     "loading": {"composition", "targets", "validation"},
     "command_line": {"composition", "errors", "loading", "validation"},
     "targets": set(),
-    "sweep": {"loading", "recorder"},
+    "launch": {"config", "errors", "interruption", "pipeline"},
+    "endings": {"errors"},
+    "sweep": {"errors", "interruption", "launch", "loading", "pipeline", "recorder"},
     "config_docs": {"composition", "config", "validation"},
-    "__main__": {"command_line", "composition", "errors", "pipeline", "usage"},
+    "__main__": {"command_line", "composition", "endings", "errors", "launch", "usage"},
     "usage": set(),
     "__init__": set(),
 }

@@ -1,0 +1,139 @@
+"""A job, in this process or where a launcher of Hydra put it: its share of the machine, its end, its voice."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import signal
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import TextIO
+
+from rich.console import Console
+
+from romgrl import interruption, pipeline
+from romgrl.config import Config
+from romgrl.errors import LaunchError, RomgrlError
+
+PARENT_VARIABLE = "ROMGRL_PARENT_RUN"
+LAUNCH_VARIABLE = "ROMGRL_LAUNCH"
+FAILURES = "failures.jsonl"
+STOPPING = "stopping"
+RUNNING = ".running"  # suffix of a file that is named by the process of a job
+SHARES_TERMINAL = "joblib"  # the launcher whose jobs write to the terminal of the sweep and are stopped with it
+
+
+@dataclass(frozen=True)
+class Launch:
+    """What the jobs of a sweep learn from its environment: how many share a machine, and in which keys they differ."""
+
+    launcher: str
+    directory: str
+    at_once: int
+    varied: list[str]
+
+    def label(self, name: str) -> str:
+        """The part of a job's name that the other jobs do not have."""
+        return " ".join(text for text in name.split(" ") if text.partition("=")[0] in self.varied) or name
+
+    def announce(self) -> None:
+        """Tell all processes that are started from now on."""
+        os.environ[LAUNCH_VARIABLE] = json.dumps(asdict(self))
+
+    def failures(self) -> list[tuple[str, int]]:
+        """One line and one exit code for each job that failed."""
+        path = Path(self.directory, FAILURES)
+        documents = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
+        return [(document["text"], document["exit_code"]) for document in documents]
+
+    def leave(self, text: str, exit_code: int) -> None:
+        """Let the sweep know that a job failed."""
+        if self.launcher == SHARES_TERMINAL:
+            print(text, file=sys.stderr, flush=True)
+        with Path(self.directory, FAILURES).open("a") as file:
+            file.write(json.dumps({"text": text, "exit_code": exit_code}) + "\n")
+
+    def stop(self) -> None:
+        """Interrupt the jobs that run here; those that wait for their turn do not start any more."""
+        Path(self.directory, STOPPING).touch()
+        for path in Path(self.directory).glob(f"*{RUNNING}"):
+            with suppress(ProcessLookupError):
+                os.kill(int(path.stem), signal.SIGTERM)
+
+    @contextmanager
+    def running(self) -> Iterator[None]:
+        """Let `stop` reach this process while the block runs; Ctrl-C of the terminal comes to the sweep, too."""
+        path = Path(self.directory, f"{os.getpid()}{RUNNING}")
+        interruption.leave(signal.SIGINT)
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        interruption.listen()
+        try:
+            path.touch()
+            if Path(self.directory, STOPPING).exists():
+                raise interruption.Interrupted(signal.SIGTERM)
+            yield
+        finally:
+            interruption.rest()
+            path.unlink(missing_ok=True)
+
+
+def announced() -> Launch | None:
+    """What a sweep announced; None for jobs that run in its own process."""
+    text = os.environ.get(LAUNCH_VARIABLE)
+    return Launch(**json.loads(text)) if text else None
+
+
+class Labelled(io.StringIO):
+    """A stream that puts a label before each line, so that jobs can share a terminal."""
+
+    def __init__(self, stream: TextIO, label: str) -> None:
+        super().__init__()
+        self._stream, self._label = stream, label
+
+    def write(self, text: str) -> int:
+        """Write whole lines at once."""
+        self._stream.write("".join(f"[{self._label}] {line}\n" for line in text.splitlines()))
+        return len(text)
+
+    def flush(self) -> None:
+        """Show what was written."""
+        self._stream.flush()
+
+
+def run_job(config: Config, overrides: Sequence[str]) -> None:
+    """Run a job, named by its overrides. Raises RomgrlError; where a launcher put it, that is left with the sweep."""
+    name = " ".join(text for text in overrides if not text.lstrip("+").startswith("hydra")) or "job"
+    launch, parent = announced(), os.environ.get(PARENT_VARIABLE)
+    if launch is None:
+        pipeline.run(config, name=name, parent=parent)
+        return
+    label = launch.label(name)
+    console = Console(file=Labelled(sys.stdout, label), width=160)
+    shared = replace(config, threads=config.threads or max(1, pipeline.available_cores() // launch.at_once))
+    try:
+        run_launched(launch, lambda: pipeline.run(shared, name=name, parent=parent, console=console))
+    except RomgrlError as error:
+        launch.leave(f"[{label}] {error}", error.exit_code)
+    except interruption.Interrupted as error:
+        launch.leave(f"[{label}] {error}", error.exit_code)
+
+
+def run_launched(launch: Launch, run: Callable[[], object]) -> None:
+    """Run a job; one that its launcher interrupts is handed over to it, with all saved, to be started again."""
+    if launch.launcher == SHARES_TERMINAL:
+        with launch.running():
+            run()
+        return
+    interruption.leave(signal.SIGTERM)  # submitit's to ignore: Slurm sends it together with the signal to requeue
+    try:
+        run()
+    except interruption.Interrupted as interrupted:
+        try:
+            interruption.hand_over(interrupted)
+        except RuntimeError as error:  # submitit does not start it again
+            raise LaunchError(str(error)) from error
+        raise
