@@ -6,11 +6,8 @@ import os
 import time
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from hydra.experimental.callback import Callback
-from omegaconf import DictConfig
 
 from romgrl import keys
 from romgrl.artifacts import save_arrays, save_tensors
@@ -66,14 +63,6 @@ def install() -> None:
     """Put the fake in the place of every stage."""
     for name, stage in keys.STAGES.items():
         keys.STAGES[name] = keys.Stage("tests.pipeline.fake_stages:run", stage.upstream, stage.depends)
-
-
-class Fakes(Callback):
-    """Callback of Hydra that installs the fakes where a launcher runs a job."""
-
-    def on_job_start(self, config: DictConfig, **kwargs: Any) -> None:
-        """Called in the process of the job."""
-        install()
 
 
 def main() -> None:

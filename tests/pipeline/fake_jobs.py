@@ -1,0 +1,28 @@
+"""The command line of romgrl with fake stages also in the processes that a launcher starts."""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+from hydra.experimental.callback import Callback
+from omegaconf import DictConfig
+
+from romgrl import targets
+from tests.pipeline import fake_stages
+
+TARGET = "tests.pipeline.fake_jobs.Fakes"
+targets.TARGETS = (*targets.TARGETS, TARGET)
+
+
+class Fakes(Callback):
+    """Callback of Hydra that goes with each job and installs the fakes where it runs."""
+
+    def on_job_start(self, config: DictConfig, **kwargs: Any) -> None:
+        """Called in the process of the job."""
+        fake_stages.install()
+
+
+if __name__ == "__main__":
+    sys.argv.append(f"+hydra.callbacks.fakes._target_={TARGET}")
+    fake_stages.main()
