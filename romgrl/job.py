@@ -80,6 +80,7 @@ class Job:
             manifest = self.verify(stage, directory) if reused else self.make(stage, directory, runner, threads)
         self.finished[stage] = directory
         if reused:
+            Workspace(directory).close()  # whoever made it may not have come to that
             self.say(f"{stage}: reused; it took {format_duration(manifest.wall_time)}")
             self.reused[stage] = manifest
         self.run.tags({f"romgrl.key.{stage}": directory.name, f"romgrl.run.{stage}": manifest.run_id or "untracked"})
@@ -108,7 +109,8 @@ class Job:
         workspace = Workspace(directory)
         with working_lock(workspace.partial):
             goes_on = workspace.open()
-        run = self.start_run(stage, directory.name, inputs, settings, threads)
+        run = self.start_run(stage, directory.name, inputs, settings, threads, workspace.run_id)
+        workspace.note(run.local_id, workspace.seconds)
         self.say(f"{stage}: {'goes on' if goes_on else 'started'}, {threads} thread{'s' if threads > 1 else ''}")
         start, status = time.monotonic(), "FAILED"
         try:
@@ -140,7 +142,7 @@ class Job:
             status = "KILLED" if isinstance(error, KeyboardInterrupt) else "FAILED"
             ended = "interrupted" if isinstance(error, KeyboardInterrupt) else "failed"
             seconds = time.monotonic() - start
-            workspace.note(run.run_id, workspace.seconds + seconds)
+            workspace.note(run.local_id, workspace.seconds + seconds)
             self.say(f"{stage}: {ended} after {format_duration(seconds)}; kept {workspace.partial}")
             raise
         finally:
@@ -149,9 +151,15 @@ class Job:
         return manifest
 
     def start_run(
-        self, stage: str, key: str, inputs: Mapping[str, Path], settings: Mapping[str, object], threads: int
+        self,
+        stage: str,
+        key: str,
+        inputs: Mapping[str, Path],
+        settings: Mapping[str, object],
+        threads: int,
+        run_id: str | None,
     ) -> RecordedRun:
-        """The MLflow run of a stage."""
+        """The MLflow run of a stage; that of an earlier attempt goes on."""
         upstream = " ".join(f"{name}={path.name}" for name, path in inputs.items())
         tags = {"stage": stage, "key": key, "upstream": upstream, "threads": str(threads)}
-        return self.recorder.start(stage, parent=self.run, tags=tags, params=settings)
+        return self.recorder.start(stage, parent=self.run, tags=tags, params=settings, run_id=run_id)

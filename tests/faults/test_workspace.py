@@ -88,7 +88,7 @@ def test_killed_while_publishing(teacher: Config, monkeypatch: pytest.MonkeyPatc
     assert work(teacher) == list(range(10))
     assert "data.csv" in open_artifact(made).files
     assert not (made / CHECKPOINT).exists()
-    assert [path.name for path in made.parent.iterdir() if path.suffix == ".partial"] == []
+    assert [path.name for path in made.parent.iterdir() if path.is_dir()] == [made.name]
 
 
 def dying(original: Callable[..., Any], outputs: Path) -> Callable[..., Any]:

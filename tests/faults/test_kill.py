@@ -1,0 +1,70 @@
+"""kill -9 at any moment, over all stages of a real pipeline: the same command goes on and ends with the same bits."""
+
+from __future__ import annotations
+
+import os
+import random
+import re
+import shutil
+import signal
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from romgrl.artifacts import open_artifact
+from romgrl.config import STAGES
+from tests.pipeline.conftest import start
+
+KILLS = 50
+SMALL = (
+    "experiment=smoke",
+    "tracking=none",
+    "checkpoint_seconds=0.2",
+    "teacher.total_steps=60_000",
+    "student.total_steps=6000",
+    "evaluation.video=false",
+)
+
+
+@pytest.mark.slow
+def test_kill_at_any_moment(tmp_path: Path) -> None:
+    """One pipeline after the other, on one thread and on two, each killed again and again until it has ended."""
+    generator = random.Random(0)
+    code, _ = run(tmp_path / "whole", threads=1, seconds=300)
+    assert code == 0
+    expected, kills, pipelines, resumed = digests(tmp_path / "whole"), 0, 0, 0
+    while kills < KILLS:
+        outputs = tmp_path / f"{pipelines}"
+        code = None
+        while code is None:
+            left = generator.uniform(1.0, 7.0) if kills < KILLS else 300
+            code, text = run(outputs, threads=1 + pipelines % 2, seconds=left)
+            kills += code is None
+            resumed += len(re.findall(r"goes on at step", text))
+        assert code == 0, text
+        assert digests(outputs) == expected
+        assert not [path for path in (outputs / "artifacts").glob("*/*") if path.suffix in (".partial", ".checkpoint")]
+        pipelines += 1
+        shutil.rmtree(outputs)
+    print(f"{kills} kills in {pipelines} pipelines, all ended with the same bits; trainings went on {resumed} times")
+    assert resumed >= KILLS // 5
+
+
+def run(outputs: Path, *, threads: int, seconds: float) -> tuple[int | None, str]:
+    """Run the command, and kill it after some seconds; its exit code, None if it was killed, and what it said."""
+    job = start(*SMALL, f"threads={threads}", f"paths.outputs={outputs}", module="romgrl")
+    try:
+        out, err = job.communicate(timeout=seconds)
+        return job.returncode, out + err
+    except subprocess.TimeoutExpired:
+        os.kill(job.pid, signal.SIGKILL)
+        out, err = job.communicate(timeout=20)
+        return None, out + err
+
+
+def digests(outputs: Path) -> dict[str, str]:
+    """The digest of the artifact of every stage; only one there is of each."""
+    found = {stage: list((outputs / "artifacts" / stage).glob("*/manifest.json")) for stage in STAGES}
+    assert {len(manifests) for manifests in found.values()} == {1}, found
+    return {stage: open_artifact(manifests[0].parent, stage=stage).digest for stage, manifests in found.items()}
