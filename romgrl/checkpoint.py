@@ -88,7 +88,8 @@ class Checkpoints:
                 raise ArtifactError(f"{self.directory / name}: missing or does not have the SHA-256 of its checkpoint")
         tensors, _ = load_tensors(self.directory / f"{document['step']}.safetensors")
         if self._ring is not None:
-            for name, segment in document["segments"].items():
+            # The oldest first: it may begin with rows that the newest have overwritten.
+            for name, segment in sorted(document["segments"].items(), key=lambda part: part[1]["first"]):
                 self._ring.write_rows(segment["first"], load_tensors(self.directory / name)[0])
         self._segments = document["segments"]
         return document["step"], nest(document["values"] | tensors)

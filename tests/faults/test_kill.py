@@ -28,6 +28,7 @@ SMALL = (
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(1200)
 def test_kill_at_any_moment(tmp_path: Path) -> None:
     """One pipeline after the other, on one thread and on two, each killed again and again until it has ended."""
     generator = random.Random(0)
@@ -42,6 +43,7 @@ def test_kill_at_any_moment(tmp_path: Path) -> None:
             code, text = run(outputs, threads=1 + pipelines % 2, seconds=left)
             kills += code is None
             resumed += len(re.findall(r"goes on at step", text))
+            print(f"{kills} kills, exit code {code}", flush=True)
         assert code == 0, text
         assert digests(outputs) == expected
         assert not [path for path in (outputs / "artifacts").glob("*/*") if path.suffix in (".partial", ".checkpoint")]

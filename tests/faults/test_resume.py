@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import random
 import shutil
+from contextlib import suppress
+from copy import deepcopy
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from romgrl.checkpoint import CHECKPOINT
+from romgrl.checkpoint import CHECKPOINT, Checkpoints, flatten, nest
 from romgrl.interruption import Interrupted
+from romgrl.stages.keeper import Keeper
 from tests.conftest import Composer
-from tests.faults.trainings import TOTAL, Recorder, files, train, training
+from tests.faults.trainings import TOTAL, Recorder, digest, files, train, training
 
 CUTS = 10
 
@@ -40,3 +44,65 @@ def test_resume_is_bit_exact(
         equal += 1
         shutil.rmtree(output / CHECKPOINT)
     print(f"{name}: cut at {sorted(cuts)} of {TOTAL[name]}: {equal} of {CUTS} end with the same bits")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["teacher", "student"])
+def test_every_part_of_the_state_matters(
+    name: str, compose_config: Composer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Go on without one number or array of the state after the other: none of these ends with the same bits."""
+    config = training(name, compose_config)
+    recorder = Recorder(monkeypatch)
+    train(name, config, tmp_path / "whole")
+    whole, recorder.cut = (recorder.state, files(tmp_path / "whole")), CUT[name]
+    recorder.again()
+    with pytest.raises(Interrupted):
+        train(name, config, tmp_path / "cut")
+    leaves = leaves_of(tmp_path / "cut")
+    same = []
+    for leaf in leaves:
+        output = shutil.copytree(tmp_path / "cut", tmp_path / "again")
+        recorder.again()
+        with monkeypatch.context() as patch:
+            left_out = leave_out(patch, leaf)
+            with suppress(ValueError):  # a buffer that seems to be empty
+                train(name, config, output)
+        if left_out["differs"] and (recorder.state, files(output)) == whole:
+            same.append(leaf)
+        shutil.rmtree(output)
+    print(f"{name}: {len(leaves)} parts of the state, {len(leaves) - len(same)} of them matter")
+    assert same == [], same
+
+
+CUT = {"teacher": 7680, "student": 3000}
+
+
+def leaves_of(output: Path) -> list[str]:
+    """Names of all numbers and arrays in the newest checkpoint."""
+    found = Checkpoints(output / CHECKPOINT, say=print).load()
+    assert found is not None
+    return [leaf for leaf, _ in flatten(found[1])]
+
+
+def leave_out(patch: pytest.MonkeyPatch, leaf: str) -> dict[str, bool]:
+    """Let the next trainings keep their own first value of a leaf; `differs` tells whether that is another one."""
+    load, go_on = Checkpoints.load, Keeper.go_on
+    fresh: dict[str, Any] = {}
+    outcome = {"differs": False}
+
+    def remembering(keeper: Keeper) -> int:
+        fresh.update(flatten(deepcopy({name: part.state() for name, part in keeper._parts.items()})))
+        return go_on(keeper)
+
+    def without(checkpoints: Checkpoints) -> tuple[int, dict[str, Any]] | None:
+        found = load(checkpoints)
+        if found is None or leaf not in fresh:
+            return found
+        values = dict(flatten(found[1]))
+        outcome["differs"] = digest({"": values[leaf]}) != digest({"": fresh[leaf]})
+        return found[0], nest(values | {leaf: fresh[leaf]})
+
+    patch.setattr(Keeper, "go_on", remembering)
+    patch.setattr(Checkpoints, "load", without)
+    return outcome
