@@ -74,8 +74,10 @@ def test_stage_writes_policy_curve_and_gait(compose_config: Composer, tmp_path: 
 
 
 def test_divergence_is_an_error(compose_config: Composer, tmp_path: Path) -> None:
+    config = compose_config(*SMALL)
+    config.teacher.learning_rate = 1e38
     with pytest.raises(DivergenceError, match=r"teacher: .* after step 0"):
-        train(compose_config(*SMALL, "teacher.learning_rate=1e38"), tmp_path / "run")
+        train(config, tmp_path / "run")
     assert not (tmp_path / "run" / "policy.safetensors").exists()
 
 
