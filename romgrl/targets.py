@@ -15,6 +15,7 @@ from hydra._internal.config_loader_impl import ConfigLoaderImpl
 from hydra.errors import HydraException
 from omegaconf import DictConfig, ListConfig, OmegaConf
 from omegaconf.errors import InterpolationToMissingValueError, MissingMandatoryValue, OmegaConfBaseException
+from yaml import MarkedYAMLError
 
 TARGETS = (
     "romgrl.sweep.SweepCallback",
@@ -41,8 +42,12 @@ class GuardedLoader(ConfigLoaderImpl):
     """Hydra's loader, which hands out no configuration that makes anything foreign."""
 
     def load_configuration(self, *arguments: Any, **keywords: Any) -> DictConfig:
-        """Compose as Hydra does. Raises HydraException with one line per foreign thing."""
-        config: DictConfig = super().load_configuration(*arguments, **keywords)
+        """Compose as Hydra does. Raises HydraException with one line per foreign thing, or for what is no YAML."""
+        try:
+            config: DictConfig = super().load_configuration(*arguments, **keywords)
+        except MarkedYAMLError as error:
+            place = f"{error.problem_mark.name}:{error.problem_mark.line + 1}: " if error.problem_mark else ""
+            raise HydraException(f"{place}{error.problem}") from None
         check(config)
         return config
 

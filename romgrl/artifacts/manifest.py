@@ -191,7 +191,7 @@ def _check_types(path: Path, manifest: Manifest) -> None:
         "threads": (int, optional),
     }
     values = [(name, getattr(manifest, name), allowed) for name, allowed in types.items()]
-    values += [("inputs", value, text) for value in manifest.inputs.values()]
-    for name, value, allowed in values:
+    digests = manifest.inputs.values() if isinstance(manifest.inputs, dict) else ()
+    for name, value, allowed in [*values, *(("inputs", value, text) for value in digests)]:
         if not isinstance(value, allowed) or (isinstance(value, bool) and bool not in allowed):
             raise ArtifactError(f"{path}: {name} has the type {type(value).__name__}")

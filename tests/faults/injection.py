@@ -16,11 +16,17 @@ CALLS = ("open", "fsync", "close", "rename", "replace", "mkdir", "scandir", "lis
 METHODS = ("read", "readinto", "write", "flush", "close")  # of open files
 
 
-class Faults:
-    """Counts calls; the one with the number `fail` ends in an OSError, a write after half of its bytes."""
+WRITING = frozenset({"fsync", "rename", "replace", "mkdir", "write"})
 
-    def __init__(self, fail: int | None = None, code: int = errno.EIO) -> None:
-        self.fail, self.code = fail, code
+
+class Faults:
+    """Counts calls; the one with the number `fail` ends in an OSError, a write after half of its bytes.
+
+    `lasting`: only WRITING counts, and all of it fails from that call on, as on a disk that stays full.
+    """
+
+    def __init__(self, fail: int | None = None, code: int = errno.EIO, *, lasting: bool = False) -> None:
+        self.fail, self.code, self.lasting, self.counted = fail, code, lasting, 0
         self.calls: list[tuple[str, Any]] = []
         self.synced: list[tuple[int, int]] = []  # call number and inode
         self._open_os = os.open
@@ -28,7 +34,10 @@ class Faults:
     def count(self, name: str, subject: Any) -> None:
         """Write a call down, or fail it."""
         self.calls.append((name, subject))
-        if len(self.calls) - 1 == self.fail:
+        if self.lasting and name not in WRITING:
+            return
+        self.counted += 1
+        if self.fail is not None and (self.counted - 1 == self.fail or (self.lasting and self.counted > self.fail)):
             raise OSError(self.code, os.strerror(self.code))
 
     @contextmanager

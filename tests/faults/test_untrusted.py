@@ -1,0 +1,345 @@
+"""Nothing that lies in an artifact or in a configuration is executed, and no name leads out of an artifact."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import pickle
+import subprocess
+import sys
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from romgrl.algorithms import ppo, sac
+from romgrl.artifacts import load_arrays, open_artifact, save_tensors
+from romgrl.errors import ArtifactError
+from tests.faults.artifacts import describe, fill
+from tests.faults.damage import forge, replace_file, sign
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+class Payload:
+    """Makes the directory EVIL when it is unpickled."""
+
+    def __init__(self, mark: Path) -> None:
+        self.mark = mark
+
+    def __reduce__(self) -> tuple[Callable[..., None], tuple[str]]:
+        return os.mkdir, (str(self.mark),)
+
+
+@pytest.fixture
+def mark(tmp_path: Path) -> Path:
+    """What is there once something was executed."""
+    return tmp_path / "EVIL"
+
+
+@pytest.fixture
+def artifact(tmp_path: Path) -> Path:
+    directory = tmp_path / "key"
+    fill(directory)
+    describe(directory)
+    return directory
+
+
+def npz(**members: bytes) -> bytes:
+    content = io.BytesIO()
+    with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, member in members.items():
+            archive.writestr(f"{name}.npy", member)
+    return content.getvalue()
+
+
+def npy(header: str, body: bytes = b"") -> bytes:
+    text = header.encode() + b"\n"
+    return b"\x93NUMPY\x01\x00" + len(text).to_bytes(2, "little") + text + body
+
+
+def saved(value: Any, directory: Path) -> bytes:
+    """As numpy or torch write it, pickles and all."""
+    path = directory / ("x.pt" if isinstance(value, dict) else "x.npz")
+    torch.save(value, path) if isinstance(value, dict) else np.savez(path, x=value)
+    content = path.read_bytes()
+    path.unlink()
+    return content
+
+
+def policy(directory: Path, network: Any) -> bytes:
+    path = directory / "x.safetensors"
+    save_tensors(
+        path, {"0.weight": torch.ones(1, 1)}, {"network": network if isinstance(network, str) else json.dumps(network)}
+    )
+    content = path.read_bytes()
+    path.unlink()
+    return content
+
+
+def hostile_files(mark: Path) -> dict[str, tuple[str, bytes]]:
+    """Ten files with code in them, by the name that they are put under in an artifact."""
+    place, pickled = mark.parent, pickle.dumps(Payload(mark))
+    objects = np.array([Payload(mark)], dtype=object)
+    mixed = np.array([(1.0, Payload(mark))], dtype=[("a", "f4"), ("b", object)])
+    call = f"__import__('os').mkdir({str(mark)!r})"
+    network = {"algorithm": "ppo", "input_size": 1, "output_size": 1, "hidden_sizes": []}
+    return {
+        "pickle as tensors": ("policy.safetensors", pickled),
+        "torch.save as tensors": ("policy.safetensors", saved({"w": Payload(mark)}, place)),
+        "pickle in .pt": ("policy.pt", saved({"w": Payload(mark)}, place)),
+        "pickle as arrays": ("reference.npz", pickled),
+        "array of objects": ("reference.npz", saved(objects, place)),
+        "record with an object": ("reference.npz", saved(mixed, place)),
+        "pickle in npz": ("reference.npz", npz(features=pickled)),
+        "code as dtype": (
+            "reference.npz",
+            npz(features=npy(f"{{'descr': {call}, 'fortran_order': False, 'shape': ()}}")),
+        ),
+        "code as network": ("policy.safetensors", policy(place, call)),
+        "callable as activation": ("policy.safetensors", policy(place, network | {"activation": "os.mkdir"})),
+        "_target_ in a network": (
+            "policy.safetensors",
+            policy(place, network | {"_target_": "os.mkdir", "path": str(mark)}),
+        ),
+    }
+
+
+def test_code_in_an_artifact_is_refused_and_not_executed(mark: Path, tmp_path: Path) -> None:
+    refused, cases = 0, hostile_files(mark)
+    for case, (name, content) in cases.items():
+        place = tmp_path / case.replace(" ", "-")
+        fill(place)
+        describe(place)
+        arrays = {"features": ["object", [1]]} if name.endswith("npz") else {"0.weight": ["float32", [1, 1]]}
+        replace_file(place, name, content, {} if name.endswith("pt") else arrays)
+        if "network" not in case and "callable" not in case:  # those hold tensors, and code in their description
+            with pytest.raises(ArtifactError, match=name.replace(".", r"\.")):
+                open_artifact(place)
+        if name.endswith("npz"):
+            with pytest.raises(ArtifactError, match=r"reference\.npz: cannot be read"):
+                load_arrays(place / name)
+        elif name.endswith("safetensors"):
+            for load in (ppo.load_policy, sac.load_policy):
+                with pytest.raises(ArtifactError, match=r"policy\.safetensors: "):
+                    load(place / name)
+        assert not mark.exists(), case
+        refused += 1
+    assert refused == len(cases) == 11
+    pickle.loads(pickle.dumps(Payload(mark)))
+    assert mark.exists()  # so they would have
+    print(f"{refused} of {len(cases)} files with code refused, none executed")
+
+
+def test_the_configuration_in_a_manifest_is_never_instantiated(artifact: Path, mark: Path) -> None:
+    target = {"_target_": "os.mkdir", "path": str(mark)}
+    forge(artifact, lambda document: document["config"].update({"teacher": target, "_target_": "os.mkdir"}))
+    assert open_artifact(artifact).config["teacher"] == target
+    assert not mark.exists()
+
+
+def configurations(mark: Path) -> dict[str, tuple[str, list[str]]]:
+    """YAML and command lines that would make EVIL, by kind."""
+    call = f"{{_target_: os.mkdir, path: '{mark}'}}"
+    handler = f"{{'()': os.mkdir, path: '{mark}'}}"
+    logging = "{{version: 1, root: {{handlers: [x]}}, handlers: {{x: {0}}}}}"
+    return {
+        "callback": (f"hydra: {{callbacks: {{x: {call}}}}}", []),
+        "callback on the command line": ("", [f"+hydra.callbacks.x={{_target_:os.mkdir,path:'{mark}'}}"]),
+        "in a callback": (f"hydra: {{callbacks: {{sweep: {{x: {call}}}}}}}", []),
+        "in a list in a callback": (f"hydra: {{callbacks: {{sweep: {{x: [[{call}]]}}}}}}", []),
+        "interpolated": ("hydra: {callbacks: {x: {_target_: '${oc.env:EVIL}', path: '${oc.env:MARK}'}}}", []),
+        "referred to": (f"x: {call}\nhydra: {{callbacks: {{x: '${{x}}'}}}}", []),
+        "launcher": (f"hydra: {{launcher: {call}}}", ["-m"]),
+        "sweeper": (f"hydra: {{sweeper: {{x: {call}}}}}", ["-m"]),
+        "logging": (f"hydra: {{job_logging: {logging.format(handler)}}}", []),
+        "logging of hydra": (f"hydra: {{hydra_logging: {logging.format(handler)}}}", []),
+        "class of a handler": (f"hydra: {{job_logging: {logging.format('{class: evil_package.Handler}')}}}", []),
+        "YAML tag": (f"x: !!python/object/apply:os.mkdir ['{mark}']", []),
+        "YAML tag of a name": ("x: !!python/name:evil_package.MADE", []),
+        "package on the search path": ("hydra: {searchpath: ['pkg://evil_package']}", []),
+        "environment of the job": ("hydra: {job: {env_set: {PYTHONPATH: '/evil'}}}", []),
+    }
+
+
+def test_a_configuration_executes_nothing(mark: Path, tmp_path: Path) -> None:
+    (tmp_path / "evil_package").mkdir()
+    (tmp_path / "evil_package" / "__init__.py").write_text(f"import os\nos.mkdir({str(mark)!r})\n")
+    refused, cases = 0, configurations(mark)
+    variables = {"EVIL": "os.mkdir", "MARK": str(mark), "PYTHONPATH": f"{ROOT}:{tmp_path}", "OMP_NUM_THREADS": "1"}
+    for case, (yaml, arguments) in cases.items():
+        (tmp_path / "evil.yaml").write_text(f"defaults: [config, _self_]\n{yaml}\n")
+        arguments += ["stage=teacher", "tracking=none", f"paths.outputs={tmp_path}/outputs"]
+        arguments += ["--config-dir", str(tmp_path), "--config-name", "evil"]
+        result = subprocess.run(
+            [sys.executable, "-m", "tests.pipeline.fake_stages", *arguments],
+            env=os.environ | variables,
+            cwd=ROOT,
+            capture_output=True,
+            text=True,
+            timeout=120,
+            check=False,
+        )
+        assert (result.returncode, len(result.stderr.splitlines())) == (2, 1), f"{case}: {result.stderr}"
+        assert not mark.exists(), case
+        assert not (tmp_path / "outputs").exists(), case
+        refused += 1
+    assert refused == len(cases) == 15
+    print(f"{refused} of {len(cases)} configurations with code refused with exit code 2, none executed")
+
+
+OUTSIDE = [
+    *("../outside.csv", "../../outside.csv", "figures/../../outside.csv", "figures/../curve.csv", "./curve.csv"),
+    *(
+        "figures/./a.txt",
+        "/etc/hostname",
+        "//etc/hostname",
+        "/figures/a.txt",
+        "/",
+        "",
+        ".",
+        "..",
+        "...",
+        "figures//a.txt",
+    ),
+    *("figures/", "..\\outside.csv", "figures\\a.txt", "C:\\outside.csv", "C:/outside.csv", "c:outside.csv"),
+    *("\\\\server\\share\\a.csv", "file:///etc/hostname", "curve.csv\x00.png", "\x00", "curve.csv\n", "\ncurve.csv"),
+    *(" curve.csv", "curve.csv ", "curve.csv.", ".curve.csv", "figures/ a.txt", "figures /a.txt", "figures./a.txt"),
+    *("~/outside.csv", "$HOME/outside.csv", "%2e%2e/outside.csv", "．．/outside.csv", "curve.csv:stream", "a" * 300),
+]
+
+
+@pytest.mark.usefixtures("mark")
+def test_names_that_lead_elsewhere_are_refused(artifact: Path) -> None:
+    (artifact.parent / "outside.csv").write_text("step,loss\n1,2\n")
+    pristine, refused = (artifact / "manifest.json").read_text(), 0
+    assert len(set(OUTSIDE)) == 40
+    for name in OUTSIDE:
+        (artifact / "manifest.json").write_text(pristine)
+        forge(artifact, lambda document: document["files"].update({name: document["files"].pop("curve.csv")}))  # noqa: B023
+        with pytest.raises(ArtifactError) as caught:
+            open_artifact(artifact)
+        assert str(caught.value) == f"{artifact}/manifest.json: {name!r} is not the name of a file of an artifact"
+        refused += 1
+    assert refused == 40
+    print(f"{refused} of 40 names refused")
+
+
+def link(path: Path, target: Path) -> None:
+    path.unlink()
+    path.symlink_to(target)
+
+
+SPECIAL: dict[str, Callable[[Path], object]] = {
+    "file": lambda artifact: link(artifact / "curve.csv", artifact.parent / "outside.csv"),
+    "extra": lambda artifact: (artifact / "more.csv").symlink_to(artifact.parent / "outside.csv"),
+    "broken": lambda artifact: (artifact / "more.csv").symlink_to(artifact / "nothing"),
+    "directory": lambda artifact: (artifact / "more").symlink_to(artifact.parent, target_is_directory=True),
+    "manifest": lambda artifact: link(artifact / "manifest.json", artifact.parent / "manifest.json"),
+    "pipe": lambda artifact: os.mkfifo(artifact / "more.csv"),
+}
+
+
+@pytest.mark.timeout(20)
+@pytest.mark.parametrize("kind", SPECIAL)
+def test_links_and_special_files_are_refused(artifact: Path, kind: str) -> None:
+    (artifact.parent / "outside.csv").write_bytes((artifact / "curve.csv").read_bytes())
+    (artifact.parent / "manifest.json").write_bytes((artifact / "manifest.json").read_bytes())
+    SPECIAL[kind](artifact)
+    with pytest.raises(ArtifactError, match=r"neither a file nor a directory|is a link"):
+        open_artifact(artifact)
+
+
+def update(**values: Any) -> Callable[[dict[str, Any]], object]:
+    return lambda document: document.update(values)
+
+
+FORGED: dict[str, Callable[[dict[str, Any]], object]] = {
+    "stage is a number": update(stage=1),
+    "key is a list": update(key=["k"]),
+    "seed is text": update(seed="0"),
+    "seed is true": update(seed=True),
+    "time is text": update(wall_time="1"),
+    "inputs is a list": update(inputs=[]),
+    "a digest is a number": update(inputs={"teacher": 7}),
+    "unknown field": update(code="import os"),
+    "a huge size": lambda document: document["files"]["curve.csv"].update(size=10**400),
+    "a negative size": lambda document: document["files"]["curve.csv"].update(size=-1),
+    "a fraction of bytes": lambda document: document["files"]["curve.csv"].update(size=1.0),
+    "a short digest": lambda document: document["files"]["curve.csv"].update(sha256="ab"),
+    "a shape of text": lambda document: document["files"]["curve.csv"].update(arrays={"x": ["float32", "ab"]}),
+}
+
+
+def texts(artifact: Path) -> dict[str, bytes]:
+    """Manifests that are no manifest."""
+    whole = (artifact / "manifest.json").read_text()
+    document = json.loads(whole)
+    files = json.loads(whole) | {"files": []}
+    return {
+        "deep": b"[" * 100_000,
+        "deep in a field": whole.replace(
+            '"config": {', '"config": {"x": ' + "[" * 50_000 + "]" * 50_000 + ", "
+        ).encode(),
+        "large": b" " * (2**20 + 1),
+        "a name twice": whole.replace('"seed": 0,\n  "stage"', '"seed": 0,\n  "seed": 0,\n  "stage"').encode(),
+        "not a number": sign(document | {"wall_time": float("nan")}).encode(),
+        "infinite": sign(document | {"wall_time": float("inf")}).encode(),
+        "a list of files": json.dumps(files).encode(),
+        "a pickle": pickle.dumps(document),
+        "not UTF-8": b"\xff\xfe" + whole.encode(),
+        "a number of a million digits": whole.replace('"seed": 0', '"seed": ' + "9" * 1_000_000).encode(),
+        "null": b"null",
+        "nothing": b"",
+        "spaces at the end": whole.encode() + b"  ",
+    }
+
+
+def test_hostile_manifests_are_refused(artifact: Path) -> None:
+    path = artifact / "manifest.json"
+    pristine, refused = path.read_bytes(), 0
+    cases = texts(artifact)
+    for case, text in cases.items():
+        assert text != pristine, case
+        path.write_bytes(text)
+        with pytest.raises(ArtifactError, match=r"manifest\.json: "):
+            open_artifact(artifact)
+        refused += 1
+    for change in FORGED.values():
+        path.write_bytes(pristine)
+        forge(artifact, change)
+        with pytest.raises(ArtifactError, match=r"manifest\.json: "):
+            open_artifact(artifact)
+        refused += 1
+    assert refused == len(cases) + len(FORGED) == 26
+    print(f"{refused} of 26 hostile manifests refused")
+
+
+def test_arrays_that_are_not_as_large_as_they_say(tmp_path: Path) -> None:
+    """Refused before anything of that size is allocated."""
+    header = "{{'descr': '<f4', 'fortran_order': False, 'shape': ({},)}}"
+    cases = {
+        "more than the file has": npz(features=npy(header.format(10**12))),
+        "negative": npz(features=npy(header.format(-1))),
+        "less than the file has": npz(features=npy(header.format(1), b"0" * 10**6)),
+        "too large": npz(features=npy("{'descr': '<f4', 'fortran_order': False, 'shape': (" + "9" * 30 + ",)}")),
+        "no array": npz(features=b"0" * 10**6),
+    }
+    for content in cases.values():
+        (tmp_path / "x.npz").write_bytes(content)
+        with pytest.raises(ArtifactError, match=r"x\.npz: cannot be read"):
+            load_arrays(tmp_path / "x.npz")
+    print(f"{len(cases)} of {len(cases)} false sizes refused")
+
+
+def test_a_bomb_is_refused_by_its_declared_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("romgrl.artifacts.payload.LARGEST_ARRAYS", 10**6)
+    np.savez_compressed(tmp_path / "x.npz", x=np.zeros(10**6, np.float32))
+    assert (tmp_path / "x.npz").stat().st_size < 10**4
+    with pytest.raises(ArtifactError, match="holds more than 4 GiB"):
+        load_arrays(tmp_path / "x.npz")
