@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, NoReturn
@@ -135,7 +135,7 @@ def read_manifest(directory: Path) -> Manifest:
             if path.is_symlink() or path.stat().st_size > LARGEST_MANIFEST:
                 raise ArtifactError(f"{path}: is a link, or larger than {LARGEST_MANIFEST} bytes")
             text = path.read_text(encoding="utf-8")
-            document = json.loads(text, object_pairs_hook=_without_duplicates, parse_constant=_refuse_constant)
+            document = json.loads(text, parse_constant=_refuse_constant)
             if (found := document.pop("format")) != FORMAT:
                 raise ArtifactError(f"{path}: format {found}, this version reads format {FORMAT}")
             del document["digest"], document["checksum"]
@@ -156,13 +156,6 @@ def read_manifest(directory: Path) -> Manifest:
 
 def _json(document: Mapping[str, Any]) -> str:
     return json.dumps(document, indent=2, sort_keys=True)
-
-
-def _without_duplicates(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
-    found = dict(pairs)
-    if len(found) < len(pairs):
-        raise ValueError("a name comes twice")
-    return found
 
 
 def _refuse_constant(name: str) -> NoReturn:

@@ -267,6 +267,7 @@ FORGED: dict[str, Callable[[dict[str, Any]], object]] = {
     "time is text": update(wall_time="1"),
     "inputs is a list": update(inputs=[]),
     "a digest is a number": update(inputs={"teacher": 7}),
+    "too much": update(config={"x": "a" * 2**20}),
     "unknown field": update(code="import os"),
     "a huge size": lambda document: document["files"]["curve.csv"].update(size=10**400),
     "a negative size": lambda document: document["files"]["curve.csv"].update(size=-1),
@@ -316,8 +317,8 @@ def test_hostile_manifests_are_refused(artifact: Path) -> None:
         with pytest.raises(ArtifactError, match=r"manifest\.json: "):
             open_artifact(artifact)
         refused += 1
-    assert refused == len(cases) + len(FORGED) == 26
-    print(f"{refused} of 26 hostile manifests refused")
+    assert refused == len(cases) + len(FORGED) == 27
+    print(f"{refused} of 27 hostile manifests refused")
 
 
 def test_arrays_that_are_not_as_large_as_they_say(tmp_path: Path) -> None:
