@@ -15,7 +15,6 @@ from hydra._internal.config_loader_impl import ConfigLoaderImpl
 from hydra.errors import HydraException
 from omegaconf import DictConfig, ListConfig, OmegaConf
 from omegaconf.errors import InterpolationToMissingValueError, MissingMandatoryValue, OmegaConfBaseException
-from yaml import MarkedYAMLError
 
 TARGETS = (
     "romgrl.sweep.SweepCallback",
@@ -42,17 +41,13 @@ class GuardedLoader(ConfigLoaderImpl):
     """Hydra's loader, which hands out no configuration that makes anything foreign."""
 
     def load_configuration(self, *arguments: Any, **keywords: Any) -> DictConfig:
-        """Compose as Hydra does. Raises HydraException with one line per foreign thing, or for what is no YAML."""
-        try:
-            config: DictConfig = super().load_configuration(*arguments, **keywords)
-        except MarkedYAMLError as error:
-            place = f"{error.problem_mark.name}:{error.problem_mark.line + 1}: " if error.problem_mark else ""
-            raise HydraException(f"{place}{error.problem}") from None
+        """Compose as Hydra does. Raises HydraException with one line per foreign thing."""
+        config: DictConfig = super().load_configuration(*arguments, **keywords)
         check(config)
         return config
 
     def _process_config_searchpath(self, config_name: str | None, parsed_overrides: Any, repo: Any) -> None:
-        loaded = repo.load_config(config_path=config_name) if config_name is not None else None
+        loaded: Any = repo.load_config(config_path=config_name) if config_name is not None else None
         given = [override.value() for override in parsed_overrides if override.key_or_group == "hydra.searchpath"]
         primary = loaded.config if loaded is not None else None
         if isinstance(primary, DictConfig):  # Hydra says what is wrong with a list
