@@ -14,11 +14,12 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from romgrl import pipeline
+from romgrl import pipeline, worker
 from romgrl.artifacts import open_artifact
 from romgrl.checkpoint import CHECKPOINT, Checkpoints, Ring
 from romgrl.config import Config
 from romgrl.errors import StorageError
+from romgrl.progress import SilentLog
 from romgrl.stages.keeper import Keeper
 from tests.conftest import Composer
 from tests.faults.injection import Faults
@@ -176,3 +177,14 @@ def test_a_disk_that_is_really_read_only(mount: Mount, command: Command) -> None
     result = command("experiment=smoke", "threads=1", "tracking=none", "stage=teacher")
     assert (result.returncode, len(result.stderr.splitlines())) == (5, 1), result.stderr
     assert result.stderr.endswith("Read-only file system\n")
+
+
+def test_a_stage_that_writes_by_itself(smoke_config: Config, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Tables and pictures are written by libraries, which know only OSError; a worker must tell it in one line, too."""
+
+    def stage(*_: object) -> None:
+        Path("/dev/full").write_text("step,loss\n")
+
+    monkeypatch.setattr(worker, "load_function", lambda entry: stage)
+    with pytest.raises(StorageError, match=r"^/.*: No space left on device$"):
+        worker.execute("a:b", smoke_config, {}, tmp_path, SilentLog())
