@@ -83,7 +83,13 @@ SPECIAL = (
          more=(("teacher.learning_rat: unknown key; did you mean teacher.learning_rate?",),
                ("eta: 7",), ("seed: x",), ("student.batch_size: 256", "student.buffer_size = 100"),
                ("student.buffer_size: 100", "4 x student.num_envs"))),
+    case("tracking.uri=oracle://me:secret@host/runs", says=("tracking.uri: oracle://me:***@host", ALLOWED)),
     case("speed=", says=SPEED),
+    case("speed=nan", says=SPEED),
+    case("rom.trunk_moment_limit=inf", says=("rom.trunk_moment_limit: inf", ALLOWED)),
+    case("seed=4294967296", says=("seed: 4294967296", ALLOWED, "<= 4294967295")),
+    case("student.hidden_sizes=[]", says=("student.hidden_sizes: []", ALLOWED, "at least one")),
+    case("student.mirror=1", says=("student.mirror: 1", ALLOWED, "true or false")),
     case("speed='x", says=("speed=", "cannot be read", "<= 10 m/s")),
     case("speed=[1", says=("speed=[1", "cannot be read", "<= 10 m/s")),
     case("speed={a:", says=("speed={a:", "cannot be read")),
@@ -173,6 +179,7 @@ FILES = (
 
 MISFITS = (
     ("evaluation.window", "evaluation.window=400"),
+    ("evaluation.window", "reference.episodes=25"),
     ("evaluation.window", "evaluation.window=120 evaluation.steps=110"),
     ("student.batch_size", "student.batch_size=9999999"),
     ("student.learning_starts", "student.learning_starts=0"),
@@ -192,7 +199,6 @@ MISFITS = (
     ("rom.compression_limit", "rom.compression_limit=1 rom.extension_limit=1"),
     ("humanoid.xml", "humanoid=humenv"),
     ("tracking.uri", "tracking.uri=./mlruns"),
-    ("tracking.uri: oracle://me:***@host", "tracking.uri=oracle://me:secret@host/runs"),
     ("tracking.experiment", "tracking.experiment=" + "x" * 300),
     ("paths.outputs", "paths.outputs=" + "x" * 300),
 )
