@@ -7,12 +7,15 @@ PACKAGE := $(VENV)/.package
 PEERS := benchmarks/.peers
 # torch and what it needs come from the project's own environment: a second copy would be gigabytes
 SITE = $(shell $(BIN)/python -c "import sysconfig; print(sysconfig.get_path('purelib'))")
+SANITIZED := build/sanitized
+# Python itself leaks at its end, so leaks are not looked for; torch and MuJoCo run beside the sanitized core as they are.
+CORE_TESTS := tests/rom tests/humanoid tests/teacher tests/student tests/gait tests/faults/test_core_calls.py
 ARGS ?=
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_CONSTRAINT := $(CURDIR)/constraints.txt
 
 .DEFAULT_GOAL := help
-.PHONY: help install run test test-slow test-faults bench peers lint format types docs clean
+.PHONY: help install run test test-slow test-faults test-sanitizers bench peers lint format types docs clean
 
 help: ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -30,6 +33,18 @@ test-slow: $(PACKAGE) ## run the tests that train for minutes
 
 test-faults: $(PACKAGE) ## break it: kills, full disks, damaged files, lost servers, bad input (under 20 minutes)
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -m "slow or not slow" -n auto -rP --timeout 1200 tests/faults $(ARGS)
+
+test-sanitizers: $(SANITIZED)/.built ## run the tests that use the C++ core with AddressSanitizer and UBSan
+	ROMGRL_SANITIZED=$(SANITIZED) PYTHONPATH=tests/sanitized OMP_NUM_THREADS=1 \
+	LD_PRELOAD="$$(gcc -print-file-name=libasan.so) $$(gcc -print-file-name=libubsan.so)" \
+	ASAN_OPTIONS=detect_leaks=0 UBSAN_OPTIONS=print_stacktrace=1 \
+	$(BIN)/python -m pytest -n auto --timeout 1200 $(CORE_TESTS) $(ARGS)
+
+$(SANITIZED)/.built: $(PACKAGE)
+	$(BIN)/cmake -S cpp -B $(@D) -G Ninja -DCMAKE_MAKE_PROGRAM=$(abspath $(BIN))/ninja -DROMGRL_SANITIZE=address,undefined \
+		-DPython_EXECUTABLE=$(abspath $(BIN))/python -Dpybind11_DIR=$$($(BIN)/python -m pybind11 --cmakedir)
+	$(BIN)/cmake --build $(@D)
+	@touch $@
 
 bench: $(PACKAGE) peers ## measure speed beside the peers and write docs/benchmarks.md (hours; one row: ARGS=NAME)
 	$(BIN)/python -m benchmarks $(ARGS)

@@ -22,9 +22,10 @@ template <typename T>
 T* data(py::array& array, const char* name, py::ssize_t rows, py::ssize_t columns, bool writeable) {
     const bool shaped = columns == 0 ? array.ndim() == 1 && array.shape(0) == rows
                                      : array.ndim() == 2 && array.shape(0) == rows && array.shape(1) == columns;
-    if (!shaped || !array.dtype().equal(py::dtype::of<T>()) || !(array.flags() & py::array::c_style)) {
+    constexpr int flags = py::array::c_style | py::detail::npy_api::NPY_ARRAY_ALIGNED_;
+    if (!shaped || !array.dtype().equal(py::dtype::of<T>()) || (array.flags() & flags) != flags) {
         const std::string shape = std::to_string(rows) + (columns == 0 ? "," : ", " + std::to_string(columns));
-        throw py::value_error(std::string(name) + " must be a C-contiguous array of shape (" + shape + ") and dtype " +
+        throw py::value_error(std::string(name) + " must be an aligned C-contiguous array of shape (" + shape + ") and dtype " +
                               std::string(py::str(py::dtype::of<T>())));
     }
     if (writeable && !array.writeable()) throw py::value_error(std::string(name) + " is read-only");

@@ -21,6 +21,8 @@ using romgrl::Vector;
 
 namespace {
 
+constexpr int kAligned = py::detail::npy_api::NPY_ARRAY_ALIGNED_;
+
 // In the place of MuJoCo's timer.
 double no_time() { return 0.0; }
 
@@ -29,7 +31,7 @@ struct Rows {
     Rows(const py::array_t<double>& array, py::ssize_t count, py::ssize_t columns, const char* name)
         : first(reinterpret_cast<const char*>(array.data())), stride(array.ndim() == 2 ? array.strides(0) : 0) {
         if (array.ndim() != 2 || array.shape(0) != count || array.shape(1) != columns ||
-            array.strides(1) != static_cast<py::ssize_t>(sizeof(double))) {
+            array.strides(1) != static_cast<py::ssize_t>(sizeof(double)) || !(array.flags() & kAligned)) {
             throw py::value_error(std::string(name) + " must have shape (" + std::to_string(count) + ", " +
                                   std::to_string(columns) + ") and contiguous rows");
         }
@@ -43,15 +45,17 @@ struct Rows {
 
 template <typename T>
 T* writeable(py::array_t<T>& array, std::vector<py::ssize_t> shape, const char* name) {
-    bool fits = array.ndim() == static_cast<py::ssize_t>(shape.size()) && (array.flags() & py::array::c_style);
+    constexpr int flags = py::array::c_style | kAligned;
+    bool fits = array.ndim() == static_cast<py::ssize_t>(shape.size()) && (array.flags() & flags) == flags;
     for (std::size_t k = 0; fits && k < shape.size(); ++k) fits = array.shape(k) == shape[k];
-    if (!fits) throw py::value_error(std::string(name) + " has the wrong shape or is not contiguous");
+    if (!fits) throw py::value_error(std::string(name) + " has the wrong shape or is not contiguous and aligned");
     return array.mutable_data();
 }
 
 void observe(const PlanarBodies& bodies, const py::array_t<double>& qpos, const py::array_t<double>& qvel,
              const py::array_t<int, py::array::c_style>& columns, py::array_t<float> observation,
              py::array_t<double> posture) {
+    if (!(columns.flags() & kAligned)) throw py::value_error("columns must be aligned");
     const py::ssize_t count = qpos.ndim() == 2 ? qpos.shape(0) : 0, width = columns.size();
     const int* column = columns.data();
     const Rows positions(qpos, count, bodies.joints(), "qpos"), velocities(qvel, count, bodies.joints(), "qvel");
