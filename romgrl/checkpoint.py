@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from romgrl.artifacts import load_tensors, save_tensors, write_bytes
+from romgrl.artifacts import load_tensors, save_tensors, sync, write_bytes
 from romgrl.errors import ArtifactError
 
 if TYPE_CHECKING:
@@ -68,6 +68,7 @@ class Checkpoints:
             self._segments[name]["sha256"] = files[name]
         document = {"step": step, "values": values, "segments": self._segments, "files": files}
         write_bytes(self.directory / f"{step}.json", sealed(document))
+        sync(self.directory)  # before the checkpoint that it replaces goes
         self._forget()
 
     def load(self) -> tuple[int, State] | None:

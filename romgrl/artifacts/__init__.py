@@ -3,7 +3,7 @@
 from romgrl.artifacts.manifest import MANIFEST, FileRecord, Manifest, read_manifest, write_manifest
 from romgrl.artifacts.payload import load_arrays, load_tensors, save_arrays, save_tensors, tensor_shapes
 from romgrl.artifacts.publication import publish, set_aside, setting_aside
-from romgrl.artifacts.storage import storage_faults, write_bytes
+from romgrl.artifacts.storage import storage_faults, sync, write_bytes
 from romgrl.artifacts.verification import open_artifact
 
 __all__ = [
@@ -20,6 +20,7 @@ __all__ = [
     "set_aside",
     "setting_aside",
     "storage_faults",
+    "sync",
     "tensor_shapes",
     "write_bytes",
     "write_manifest",

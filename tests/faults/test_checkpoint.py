@@ -12,6 +12,7 @@ import pytest
 import torch
 from torch import Tensor
 
+from romgrl import checkpoint
 from romgrl.checkpoint import Checkpoints
 from tests.faults.trainings import digest
 
@@ -112,6 +113,18 @@ def test_training_goes_on_after_damage(tmp_path: Path) -> None:
     ring.added, ring.values = 5, CountingRing(5).values
     checkpoints.save(20, state(20))
     assert loaded(tmp_path)[:2] == (20, digest(state(20)))
+
+
+def test_the_new_checkpoint_is_on_the_disk_before_an_old_one_goes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its name, too: a power cut then leaves one of them."""
+    calls: list[str] = []
+    forget = Checkpoints._forget
+    monkeypatch.setattr(checkpoint, "sync", lambda path: calls.append(f"sync {len(list(path.glob('*.json')))}"))
+    monkeypatch.setattr(Checkpoints, "_forget", lambda self: (calls.append("forget"), forget(self)))
+    saved(tmp_path, [10, 20, 30])
+    assert calls == ["sync 1", "forget", "sync 2", "forget", "sync 3", "forget"]
 
 
 class Killed(BaseException):

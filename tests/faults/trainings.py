@@ -42,7 +42,7 @@ STUDENT = (
     "student.updates_per_step=0.3",
     "discriminator.batch_size=32",
     "discriminator.recent_steps=400",
-    "humanoid.episode_steps=60",
+    "humanoid.episode_steps=20",
 )
 TOTAL = {"teacher": 8192, "student": 3200}
 
@@ -96,7 +96,7 @@ class Recorder:
         patch.setattr(interruption, "_once", False)
         patch.setattr(teacher, "CHECK_EPISODES", 2)
         patch.setattr(teacher, "CHECK_STEPS", 60)
-        patch.setattr(student, "LOG_INTERVAL", 256)
+        patch.setattr(student, "LOG_INTERVAL", 64)
         self.patch, self.load = patch, load
 
     def again(self) -> None:
