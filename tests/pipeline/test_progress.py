@@ -42,3 +42,18 @@ def test_progress_costs_little(tmp_path: Path) -> None:
 
 def test_durations() -> None:
     assert [format_duration(seconds) for seconds in (0, 59.6, 3599, 3600 + 61)] == ["0:00", "1:00", "59:59", "1:01:01"]
+
+
+def test_a_resumed_curve_has_every_row_once(tmp_path: Path) -> None:
+    """Rows after the checkpoint are made again; the tracker, which has some of them, gets only the new ones."""
+    sent: list[int] = []
+    for rows in ([10, 20, 30], [20, 30, 40]):
+        with TerminalLog("teacher", tmp_path, sink=lambda values, step: sent.append(step)) as log:
+            if sent:
+                with (tmp_path / "curve.csv").open("a") as file:
+                    file.write("35,0.")  # the process died while it wrote
+                log.resumed(15)
+            for step in rows:
+                log.metrics({"loss": step / 10}, step)
+    assert sent == [10, 20, 30, 40]
+    assert (tmp_path / "curve.csv").read_text().splitlines() == ["step,loss", "10,1.0", "20,2.0", "30,3.0", "40,4.0"]
