@@ -26,6 +26,7 @@ from romgrl.locks import exclusive
 from romgrl.progress import TerminalLog, format_duration
 from romgrl.provenance import git_state, versions
 from romgrl.recorder import RecordedRun, Recorder
+from romgrl.remote import fetch_artifact
 from romgrl.worker import Runner, working_lock
 from romgrl.workspace import Workspace
 
@@ -76,7 +77,7 @@ class Job:
         directory = self.directory(stage)
         assert directory is not None
         with storage_faults(directory), exclusive(directory, say=self.say, stopping=self.stopping.is_set):
-            reused = directory.exists()
+            reused = directory.exists() or fetch_artifact(self.recorder, directory, self.say)
             manifest = self.verify(stage, directory) if reused else self.make(stage, directory, runner, threads)
         self.finished[stage] = directory
         if reused:

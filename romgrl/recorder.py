@@ -126,6 +126,18 @@ class Recorder:
             self.process.wait(lambda: uid in known)
         return known.get(uid, LOCAL + uid)
 
+    def fetch(self, stage: str, key: str, directory: Path) -> bool:
+        """Download the artifact of a stage key from a tracking server to `directory`, unverified; False if it has none.
+
+        A server that is away has none. Artifacts of a store on this disk are on this disk, too.
+        """
+        if self.process is None or not self.uri.startswith("http"):
+            return False
+        answer = self.process.fetch(stage, key, directory)
+        if answer not in ("yes", "no"):
+            warn(f"{stage}: cannot be fetched from MLflow at {redacted(self.uri)}: {answer}")
+        return answer == "yes"
+
     def close(self) -> None:
         """Wait for the store once nobody records any more; runs that are not finished count as killed.
 

@@ -9,6 +9,7 @@ import threading
 import time
 import urllib.error
 import urllib.request
+import uuid
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from http.client import HTTPException
@@ -18,6 +19,7 @@ from typing import Any
 
 BLOCKED_SECONDS = 4.5  # that one job waits in all for a store that does not answer; with all else, 5 at most
 ANSWER_SECONDS = 1.0  # a store that answers within this time works, and waiting for it does not count
+FETCH_SECONDS = 600.0  # that the download of one artifact may take
 START_SECONDS = 60.0  # that the process may need to start, which is not the store's fault
 TICK_SECONDS = 0.1
 NICENESS = 10  # of the process: a training on the same cores goes first
@@ -34,6 +36,7 @@ class TrackingProcess:
         log: Path,
         away: Callable[[str], None] = lambda reason: None,
     ) -> None:
+        self._fetched: dict[str, str] = {}
         self.run_ids: dict[str, str] = {}  # MLflow's, by local id
         self.texts: list[str] = []
         self.failure: str | None = None
@@ -93,6 +96,15 @@ class TrackingProcess:
                     self._fail("no answer")
             return known()
 
+    def fetch(self, stage: str, key: str, directory: Path) -> str:
+        """Have an artifact downloaded to `directory`; `yes`, `no`, or why not. A store that is away has none."""
+        ticket, deadline = uuid.uuid4().hex, time.monotonic() + FETCH_SECONDS
+        self._send((ticket, stage, key, directory))
+        with self._changed:
+            while self.alive and self.reason is None and ticket not in self._fetched and time.monotonic() < deadline:
+                self._changed.wait(TICK_SECONDS)
+            return self._fetched.pop(ticket, "no")
+
     def join(self) -> None:
         """Wait for the end of the process, however long it takes; one that ended badly failed."""
         while self.alive:
@@ -108,7 +120,7 @@ class TrackingProcess:
     def _starting(self, now: float) -> bool:
         return self._in_reach and not self._said_anything and now - self._started < START_SECONDS
 
-    def _send(self, message: str) -> None:
+    def _send(self, message: str | tuple[str, str, str, Path]) -> None:
         with suppress(OSError):
             self._connection.send(message)
 
@@ -127,7 +139,7 @@ class TrackingProcess:
             self._changed.notify_all()
 
     def _take(self, kind: str, *values: str) -> None:
-        """Take note of a message: beat, answered, run (local id, MLflow's id), away (reason), text or failure."""
+        """Take note of a message: beat, answered, run (local id, MLflow's id), fetched (ticket, answer), away..."""
         if kind == "away":
             self._fail(*values)
         elif kind == "text":
@@ -136,6 +148,8 @@ class TrackingProcess:
             (self.failure,) = values
         elif kind in ("answered", "run"):
             self.reason = None
+        elif kind == "fetched":
+            self._fetched[values[0]] = values[1]
         if kind == "run":
             self.run_ids[values[0]] = values[1]
 

@@ -48,7 +48,8 @@ ALLOWED = {
     "summary": set(),
     "journal": set(),
     "recorder": {"errors", "journal", "tracking_process"},
-    "tracking": {"journal", "recorder"},
+    "tracking": {"artifacts", "errors", "journal", "recorder"},
+    "remote": {"artifacts", "errors", "recorder"},
     "tracking_process": set(),
     "pipeline": {
         "journal",
@@ -71,6 +72,7 @@ ALLOWED = {
         "progress",
         "provenance",
         "recorder",
+        "remote",
         "worker",
         "workspace",
     },

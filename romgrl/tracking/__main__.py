@@ -16,8 +16,10 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
+from romgrl.errors import RomgrlError
 from romgrl.journal import HIDDEN, BusyError, JournalError, Outbox, journal_directory, journals, redacted
 from romgrl.recorder import LOCAL, default_uri
+from romgrl.tracking.fetching import fetch
 from romgrl.tracking.sender import ParentError, Sender
 from romgrl.tracking.store import FAILURES, RefusedError, Store, first_line
 
@@ -34,6 +36,7 @@ class Link:
     def __init__(self, connection: Connection) -> None:
         self.at_work = True
         self.store: Store | None = None
+        self.wanted: list[tuple[str, str, str, Path]] = []  # ticket, stage, key and where to download it to
         self._connection = connection
         self._sending = threading.Lock()
         threading.Thread(target=self._beat, name="beat", daemon=True).start()
@@ -44,11 +47,14 @@ class Link:
             self._connection.send(message)
 
     def hear(self, seconds: float) -> bool:
-        """Wait for a word of the pipeline; True once it has no more to say or is gone."""
+        """Wait for a word of the pipeline, and keep what it asks for; True once it has no more to say or is gone."""
         try:
-            return self._connection.poll(seconds) and self._connection.recv() == "end"
+            word = self._connection.recv() if self._connection.poll(seconds) else None
         except (EOFError, OSError):
             return True
+        if isinstance(word, tuple):
+            self.wanted.append(word)
+        return word == "end"
 
     def _beat(self) -> None:
         while True:
@@ -72,12 +78,22 @@ class Live:
     def serve(self) -> None:
         """Send what there is until the job has ended and the store has all, or does not answer any more."""
         while not self.link.hear(self.attempt(ended=False) or MOMENT):
-            pass
+            self.fetch_wanted()
         deadline = time.monotonic() + DETACHED_SECONDS
         while (seconds := self.attempt(ended=True)) is not None and time.monotonic() < deadline:
             time.sleep(seconds)
         with suppress(*FAILURES):
             self.store.close()
+
+    def fetch_wanted(self) -> None:
+        """Download what the pipeline asks for, and answer: `yes`, `no`, or why not."""
+        while self.link.wanted:
+            ticket, stage, key, directory = self.link.wanted.pop()
+            try:
+                answer = "yes" if fetch(self.store, self._own.outbox.experiment, stage, key, directory) else "no"
+            except (*FAILURES, RefusedError, RomgrlError) as error:
+                answer = redacted(first_line(error))
+            self.link.say("fetched", ticket, answer)
 
     def attempt(self, *, ended: bool) -> float | None:
         """Send a piece, and tell how long to wait before the next; None where a job that has ended can go."""
