@@ -134,9 +134,9 @@ class Recorder:
         if self.process is None or not self.uri.startswith("http"):
             return False
         answer = self.process.fetch(stage, key, directory)
-        if answer not in ("yes", "no"):
+        if answer not in ("whole", "none"):
             warn(f"{stage}: cannot be fetched from MLflow at {redacted(self.uri)}: {answer}")
-        return answer == "yes"
+        return answer == "whole"
 
     def close(self) -> None:
         """Wait for the store once nobody records any more; runs that are not finished count as killed.

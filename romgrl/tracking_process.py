@@ -97,13 +97,16 @@ class TrackingProcess:
             return known()
 
     def fetch(self, stage: str, key: str, directory: Path) -> str:
-        """Have an artifact downloaded to `directory`; `yes`, `no`, or why not. A store that is away has none."""
-        ticket, deadline = uuid.uuid4().hex, time.monotonic() + FETCH_SECONDS
+        """Have an artifact downloaded to `directory`; none, whole, or why not. A store that is away has none."""
+        ticket, answers = uuid.uuid4().hex, self._fetched
         self._send((ticket, stage, key, directory))
-        with self._changed:
-            while self.alive and self.reason is None and ticket not in self._fetched and time.monotonic() < deadline:
-                self._changed.wait(TICK_SECONDS)
-            return self._fetched.pop(ticket, "no")
+        if self.wait(lambda: ticket in answers):
+            deadline = time.monotonic() + FETCH_SECONDS
+            with self._changed:
+                while self.alive and answers[ticket] == "found" and time.monotonic() < deadline:
+                    self._changed.wait(TICK_SECONDS)
+            return answers[ticket] if answers[ticket] != "found" else "it takes too long"
+        return "none"
 
     def join(self) -> None:
         """Wait for the end of the process, however long it takes; one that ended badly failed."""

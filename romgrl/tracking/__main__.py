@@ -19,7 +19,7 @@ from typing import Any
 from romgrl.errors import RomgrlError
 from romgrl.journal import HIDDEN, BusyError, JournalError, Outbox, journal_directory, journals, redacted
 from romgrl.recorder import LOCAL, default_uri
-from romgrl.tracking.fetching import fetch
+from romgrl.tracking.fetching import download, find
 from romgrl.tracking.sender import ParentError, Sender
 from romgrl.tracking.store import FAILURES, RefusedError, Store, first_line
 
@@ -86,14 +86,25 @@ class Live:
             self.store.close()
 
     def fetch_wanted(self) -> None:
-        """Download what the pipeline asks for, and answer: `yes`, `no`, or why not."""
+        """Download what the pipeline asks for, and answer: none, or found and then whole or why not."""
         while self.link.wanted:
             ticket, stage, key, directory = self.link.wanted.pop()
             try:
-                answer = "yes" if fetch(self.store, self._own.outbox.experiment, stage, key, directory) else "no"
-            except (*FAILURES, RefusedError, RomgrlError) as error:
-                answer = redacted(first_line(error))
-            self.link.say("fetched", ticket, answer)
+                run_id = find(self.store, self._own.outbox.experiment, stage, key)
+            except (*FAILURES, RefusedError) as error:
+                self.link.say("away", redacted(first_line(error)))
+                run_id = None
+            self.link.say("fetched", ticket, "found" if run_id else "none")
+            if run_id:
+                self.link.say("fetched", ticket, self.download(run_id, directory))
+
+    def download(self, run_id: str, directory: Path) -> str:
+        """Download an artifact; whole, or why not."""
+        try:
+            download(self.store, run_id, directory)
+        except (*FAILURES, RefusedError, RomgrlError) as error:
+            return redacted(first_line(error))
+        return "whole"
 
     def attempt(self, *, ended: bool) -> float | None:
         """Send a piece, and tell how long to wait before the next; None where a job that has ended can go."""

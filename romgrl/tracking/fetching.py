@@ -8,17 +8,17 @@ from romgrl.artifacts import MANIFEST, read_manifest
 from romgrl.tracking.store import Store
 
 
-def fetch(store: Store, experiment: str, stage: str, key: str, directory: Path) -> bool:
-    """Download the artifact of the last finished run of a stage key to `directory`, unverified; False if there is none.
-
-    Raises FAILURES, RefusedError, or ArtifactError where the manifest cannot be read or is not of that stage and key.
-    """
+def find(store: Store, experiment: str, stage: str, key: str) -> str | None:
+    """The last finished run of a stage key. Raises FAILURES or RefusedError."""
     wanted = f"tags.stage = '{stage}' and tags.key = '{key}' and attributes.status = 'FINISHED'"
     newest = ["attributes.end_time DESC"]
     runs = store.request("search_runs", [store.experiment_id(experiment)], wanted, max_results=1, order_by=newest)
-    for run in runs:
-        directory.mkdir(parents=True)
-        store.request("download_artifacts", run.info.run_id, MANIFEST, str(directory))
-        for name in read_manifest(directory).files:
-            store.request("download_artifacts", run.info.run_id, name, str(directory))
-    return bool(runs)
+    return str(runs[0].info.run_id) if runs else None
+
+
+def download(store: Store, run_id: str, directory: Path) -> None:
+    """Download the artifact of a run, unverified. Raises FAILURES, RefusedError, or ArtifactError for its manifest."""
+    directory.mkdir(parents=True)
+    store.request("download_artifacts", run_id, MANIFEST, str(directory))
+    for name in read_manifest(directory).files:
+        store.request("download_artifacts", run_id, name, str(directory))
