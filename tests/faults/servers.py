@@ -11,7 +11,7 @@ import sys
 import tempfile
 import urllib.request
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -49,7 +49,7 @@ def postgresql() -> Iterator[str]:
         if user is not None:
             os.chown(directory, pwd.getpwnam(user).pw_uid, -1)
         data, environment = directory / "data", {"PATH": os.environ["PATH"], "LC_ALL": "C", "HOME": str(directory)}
-        make = [str(initdb), "--pgdata", str(data), "--username", "romgrl", "--auth", "trust", "--no-sync"]
+        make = [str(initdb), "--pgdata", str(data), "--username", "romgrl", "--auth", "trust", "--encoding", "UTF8"]
         subprocess.run(make, check=True, user=user, env=environment, cwd=directory, stdout=subprocess.DEVNULL)
         server = [str(programs_of / "postgres"), "-D", str(data), "-p", str(port), "-k", str(directory)]
         with (directory / "log").open("w") as log, process([*server, "-h", "127.0.0.1", "-F"], log.fileno(), user):
@@ -67,7 +67,11 @@ def process(command: list[str], log: int, user: str | None = None) -> Iterator[N
     try:
         yield
     finally:
-        os.killpg(running.pid, signal.SIGKILL)
+        os.killpg(running.pid, signal.SIGINT)
+        with suppress(subprocess.TimeoutExpired):
+            running.wait(10)
+        with suppress(ProcessLookupError):
+            os.killpg(running.pid, signal.SIGKILL)
         running.wait()
 
 

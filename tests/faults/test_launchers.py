@@ -176,7 +176,8 @@ def test_a_preempted_job_goes_on(tmp_path: Path, launcher: str) -> None:
         wait_until(lambda: bool(training(outputs) - preempted), seconds=90)
         for workspace in training(outputs) - preempted:
             owner = json.loads(workspace.with_name(f".{workspace.stem}.owner").read_text())
-            os.kill(owner["process"], signal.SIGUSR2)
+            for number in [signal.SIGTERM, signal.SIGUSR2] if launcher == "submitit_slurm" else [signal.SIGUSR2]:
+                os.kill(owner["process"], number)  # Slurm sends both where it preempts
             preempted.add(workspace)
     code, _, err = end(job)
     assert (code, err) == (0, "")
