@@ -99,7 +99,7 @@ def damage(path: Path, kind: str, generator: random.Random) -> None:
     if kind == "gone":
         return path.unlink()
     if kind == "flip":
-        content[generator.randrange(len(content))] ^= 1 << generator.randrange(8)
+        content[-1 - generator.randrange(4)] ^= 1 << generator.randrange(8)  # the numbers are at the end
     return path.write_bytes(content if kind == "flip" else content[: generator.randrange(len(content))]) and None
 
 
