@@ -53,7 +53,9 @@ def tracking_store(config: Config) -> Iterator[str]:
         return
     if len(tracking.experiment) > LONGEST_EXPERIMENT:
         yield refusal("tracking.experiment", tracking.experiment, f"at most {LONGEST_EXPERIMENT} characters")
-    if tracking.uri is not None and not store_uri(tracking.uri, Path(config.paths.outputs)):
+    if tracking.uri is not None and tracking.uri.partition("://")[2].partition("/")[0].count("@") > 1:
+        yield refusal("tracking.uri", redacted(tracking.uri), "one @; write %40 for an @ in a password")
+    elif tracking.uri is not None and not store_uri(tracking.uri, Path(config.paths.outputs)):
         permitted = "http://HOST:PORT, sqlite:///PATH of a file that can be written, "
         permitted += ", ".join(f"{name}://..." for name in DATABASES)
         yield refusal("tracking.uri", redacted(tracking.uri), f"{permitted}, or null")

@@ -84,6 +84,7 @@ SPECIAL = (
                ("eta: 7",), ("seed: x",), ("student.batch_size: 256", "student.buffer_size = 100"),
                ("student.buffer_size: 100", "4 x student.num_envs"))),
     case("tracking.uri=oracle://me:secret@host/runs", says=("tracking.uri: oracle://me:***@host", ALLOWED)),
+    case("tracking.uri=postgresql://me:se@cret@host/runs", says=("tracking.uri: postgresql://me:***@host", "%40")),
     case("speed=", says=SPEED),
     case("speed=nan", says=SPEED),
     case("rom.trunk_moment_limit=inf", says=("rom.trunk_moment_limit: inf", ALLOWED)),
