@@ -27,7 +27,8 @@ def digest(files: dict[str, Path]) -> str:
 def source_files(module: str, package: Path = PACKAGE, core: Path = CORE) -> dict[str, Path]:
     """The file of a module, of all modules of the package that it imports, and of theirs, by name.
 
-    With an extension come its own sources where there are any, so that a changed line of C++ counts before it is built.
+    With a module comes the table of its name (`human.csv` beside `human.py`), with an extension its own sources where
+    there are any, so that a changed line of C++ counts before it is built.
     """
     root = package.parent
     files: dict[str, Path] = {}
@@ -39,6 +40,8 @@ def source_files(module: str, package: Path = PACKAGE, core: Path = CORE) -> dic
             continue
         files[name] = path
         if path.suffix == ".py":
+            if path.with_suffix(".csv").is_file():
+                files[f"{name}.csv"] = path.with_suffix(".csv")
             waiting += imported(path)
             waiting += [parent for parent in parents(name) if parent not in files]
         elif core.is_dir():

@@ -19,6 +19,7 @@ from romgrl.algorithms.ppo import PPO, DeterministicPolicy, load_policy, save_po
 from romgrl.algorithms.rollout import Rollout
 from romgrl.checkpoint import State
 from romgrl.config import Config
+from romgrl.gait import human
 from romgrl.gait.features import LEFT_X, RIGHT_X, Gait, until_first_fall
 from romgrl.gait.metrics import describe
 from romgrl.lanes import second_lane
@@ -50,6 +51,7 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
         f"{row['falls']:.0f} falls in {CHECK_EPISODES} episodes, {row['mean_speed_m_per_s']:.2f} m/s, "
         f"left-right correlation {row['left_right_correlation']:.2f}, {row['stride_frequency_hz']:.2f} strides/s"
     )
+    log.message(human.verdict(row, config.teacher.speed))
 
 
 def build_learner(config: Config, env: SpringLegVectorEnv, lane: Executor | None = None) -> PPO:
