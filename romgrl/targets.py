@@ -12,6 +12,7 @@ from typing import Any
 
 import hydra._internal.hydra
 from hydra._internal.config_loader_impl import ConfigLoaderImpl
+from hydra.core.utils import setup_globals
 from hydra.errors import HydraException
 from omegaconf import DictConfig, ListConfig, OmegaConf
 from omegaconf.errors import InterpolationToMissingValueError, MissingMandatoryValue, OmegaConfBaseException
@@ -33,7 +34,8 @@ UNKNOWN = object()
 
 
 def guard() -> None:
-    """Have Hydra load every configuration through the check."""
+    """Have Hydra load every configuration through the check, which needs its resolvers."""
+    setup_globals()
     hydra._internal.hydra.ConfigLoaderImpl = GuardedLoader  # type: ignore[attr-defined]  # it offers no other way in
 
 

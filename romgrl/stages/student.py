@@ -234,7 +234,8 @@ def train(
             loop.metrics |= judged()
             done = step + env.num_envs
             if done % LOG_INTERVAL < env.num_envs or done >= student.total_steps:
-                values = {name: float(value) for name, value in loop.metrics.items()} | tally.take()
+                # sorted, as a checkpoint has them: a resumed training goes on with the same columns
+                values = {name: float(loop.metrics[name]) for name in sorted(loop.metrics)} | tally.take()
                 log.metrics(values | learner.counts(), done)
                 log.progress(done, student.total_steps, speed=values["speed"], episode=values["episode_seconds"])
             if learner.just_stopped():

@@ -215,14 +215,12 @@ def assert_good(output: Path, step: int) -> None:
     assert max(float(value.double().abs().max()) for value in numbers if value.numel()) < 1e10
 
 
-@pytest.mark.parametrize("label", BAD)
-@pytest.mark.parametrize("quantity", ["loss", "gradient", "weights"])
-def test_bad_numbers_stop_the_discriminator(label: str, quantity: str) -> None:
-    judge = Discriminator(
+def discriminator(learning_rate: float) -> Discriminator:
+    return Discriminator(
         reference=torch.randn(64, 10),
         hidden_sizes=[8],
         dropout=0.0,
-        learning_rate=1e-3,
+        learning_rate=learning_rate,
         penalty_weight=0.0,
         label_smoothing=0.1,
         noise=0.0,
@@ -232,6 +230,17 @@ def test_bad_numbers_stop_the_discriminator(label: str, quantity: str) -> None:
         standardize=False,
         seed=0,
     )
+
+
+def test_the_update_that_spoils_the_discriminator_is_its_last() -> None:
+    with pytest.raises(DivergenceError, match="discriminator weights"):
+        discriminator(learning_rate=1e12).update(torch.randn(32, 10))
+
+
+@pytest.mark.parametrize("label", BAD)
+@pytest.mark.parametrize("quantity", ["loss", "gradient", "weights"])
+def test_bad_numbers_stop_the_discriminator(label: str, quantity: str) -> None:
+    judge = discriminator(learning_rate=1e-3)
     judge.update(torch.randn(32, 10))
     weight = next(judge.network.parameters())
     if quantity == "loss":

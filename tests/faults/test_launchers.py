@@ -61,6 +61,15 @@ def test_configs_fit_the_launchers(launcher: str) -> None:
         assert config.hydra.sweep.dir.startswith("/somewhere/sweeps/")
 
 
+def test_a_launcher_passes_the_check_of_what_hydra_makes(tmp_path: Path) -> None:
+    """Its directory has the time in it, which Hydra learns to resolve late."""
+    job = start("-m", "hydra/launcher=submitit_local", "speed=99", f"paths.outputs={tmp_path}", module="romgrl")
+    code, out, err = end(job)
+    assert (code, out) == (2, "")
+    assert err.startswith("speed: 99 is not allowed")
+    assert len(err.splitlines()) == 1
+
+
 def test_missing_extras_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
     lines = {
         "joblib": "hydra/launcher=joblib: is not installed; pip install 'romgrl[joblib]'",

@@ -9,6 +9,7 @@ import re
 import signal
 import threading
 import time
+from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from multiprocessing.synchronize import Barrier
@@ -100,7 +101,9 @@ def test_a_dead_owner_is_taken_over(teacher: Config, tmp_path: Path) -> None:
         taken += 1
         published.rename(tmp_path / f"published-{seed}")
     print(f"owner killed: taken over {taken} of {TAKEOVERS}, one published each")
-    assert len(trainings(Path(teacher.paths.outputs))) == 2 * TAKEOVERS
+    made = Counter(trainings(Path(teacher.paths.outputs)))  # by an owner, too, where it came so far
+    assert len(made) == TAKEOVERS
+    assert set(made.values()) <= {1, 2}
 
 
 def write_down(config: Config, log: Path) -> None:
