@@ -10,22 +10,31 @@ from rich.table import Table
 
 Rows = list[dict[str, str]]
 ALIGNMENTS = ("aligned", "raw")
+LABELS = {"mse.csv": ("channel", "alignment"), "distances.csv": ("distance", "channel"), "gait.csv": ("walker",)}
+ALL = "all"
+MEASURED = ("baseline", "student", "teacher_floor", "baseline_p", "student_p")
 SHOWN = ("baseline", "student", "reduction_percent")
 
 
 def result_tables(evaluation: Path) -> list[Table]:
-    """Tables of the error per channel and of the gaits; none where the evaluation has no such file."""
-    errors, gaits = read_rows(evaluation / "mse.csv"), read_rows(evaluation / "gait.csv")
-    return ([error_table(errors)] if errors else []) + ([gait_table(gaits)] if gaits else [])
+    """Tables of errors, distances and gaits; none where the evaluation has no such file."""
+    makers = {"mse.csv": error_table, "distances.csv": distance_table, "gait.csv": gait_table}
+    found = {name: read_rows(evaluation / name) for name in makers}
+    return [makers[name](rows) for name, rows in found.items() if rows]
 
 
 def result_metrics(evaluation: Path) -> dict[str, float]:
-    """Every finite number of both files: pelvis_y/aligned/student, student/mean_speed_m_per_s and so on."""
+    """Every finite number of errors and gaits, and the distances of all channels together.
+
+    Named pelvis_y/aligned/student, mmd/all/student_p, student/mean_speed_m_per_s and so on.
+    """
     metrics: dict[str, float] = {}
-    for name, names in (("mse.csv", ("channel", "alignment")), ("gait.csv", ("walker",))):
+    for name, names in LABELS.items():
         for row in read_rows(evaluation / name):
-            prefix = "/".join(row[column] for column in names)
-            metrics |= {f"{prefix}/{column}": number(cell) for column, cell in row.items() if column not in names}
+            if name == "distances.csv" and row["channel"] != ALL:
+                continue
+            prefix = "/".join(row.pop(column) for column in names)
+            metrics |= {f"{prefix}/{column}": number(cell) for column, cell in row.items() if column != "unit"}
     return {name: value for name, value in metrics.items() if math.isfinite(value)}
 
 
@@ -46,6 +55,18 @@ def error_table(rows: Rows) -> Table:
     for channel in dict.fromkeys(row["channel"] for row in rows):
         found = [cells.get((channel, alignment), [""] * len(SHOWN)) for alignment in ALIGNMENTS]
         table.add_row(channel, *found[0], *found[1])
+    return table
+
+
+def distance_table(rows: Rows) -> Table:
+    """One row per distance, all channels together."""
+    table = Table(title="Distance from the reference", title_justify="left")
+    table.add_column("distance", no_wrap=True)
+    for column in (*MEASURED, "unit"):
+        table.add_column(column.replace("_", "\n"), justify="right")
+    for row in rows:
+        if row["channel"] == ALL:
+            table.add_row(row["distance"], *(short(row[column]) for column in (*MEASURED, "unit")))
     return table
 
 

@@ -130,7 +130,7 @@ def test_every_artifact_verifies(smoke: dict[str, Any]) -> None:
         "reference": {"reference.npz"},
         "student": {"policy.safetensors", "curve.csv"},
         "baseline": {"policy.safetensors", "curve.csv"},
-        "evaluation": {"rollouts.npz", "mse.csv", "gait.csv"},
+        "evaluation": {"rollouts.npz", "mse.csv", "distances.csv", "gait.csv"},
         "report": set(),
     }
     assert set(smoke["finished"]) == set(STAGES)

@@ -11,6 +11,7 @@ What is reported is the plain mean squared error of each channel at that shift, 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -70,23 +71,29 @@ def align(windows: Floats, reference: list[Floats], *, raw: bool = False) -> Ali
     return Alignment(windows, matched, ((windows - matched) ** 2).mean(axis=1), starts[best])
 
 
-def floor(reference: list[Floats], window: int, *, raw: bool = False) -> Floats:
-    """Teacher against teacher, (5,) m^2: windows of each reference episode laid over the other episodes, their mean.
+def against_itself(reference: list[Floats], window: int, *, raw: bool = False) -> list[Alignment]:
+    """Teacher against teacher: windows of each reference episode laid over the other episodes.
 
     The windows of an episode do not overlap. A reference of one episode has its last window laid over what comes
-    before; nan where even that is too short.
+    before. Episodes that are too short are left out; none may be left.
     """
     if len(reference) == 1:
         reference = [reference[0][:-window], reference[0][-window:]]
         queries = {1: reference[1][None]}
     else:
         queries = {i: _split(episode, window) for i, episode in enumerate(reference)}
-    errors = []
+    pairs = []
     for index, query in queries.items():
         others = [e for i, e in enumerate(reference) if i != index and len(e) >= window]
         if others and len(query):
-            errors.append(align(query, others, raw=raw).mse)
-    return np.concatenate(errors).mean(axis=0) if errors else np.full(len(CHANNELS), np.nan)
+            pairs.append(align(query, others, raw=raw))
+    return pairs
+
+
+def floor(reference: list[Floats], window: int, *, raw: bool = False) -> Floats:
+    """The mean error of `against_itself`, (5,) m^2; nan where the reference is too short."""
+    pairs = against_itself(reference, window, raw=raw)
+    return np.concatenate([pair.mse for pair in pairs]).mean(axis=0) if pairs else np.full(len(CHANNELS), np.nan)
 
 
 def mse_table(*, reference: Gait, student: Gait, baseline: Gait, window: int) -> pd.DataFrame:
@@ -111,9 +118,14 @@ def mse_table(*, reference: Gait, student: Gait, baseline: Gait, window: int) ->
     table = pd.DataFrame(rows)
     for name in ("student", "baseline"):
         table[f"{name}_episodes"] = int((~walkers[name].fallen).sum())
-    objections = [_upright(name, gait) for name, gait in walkers.items() if not comparable(gait)]
-    table["note"] = f"{NOT_COMPARABLE}: {', '.join(objections)}" if objections else "ok"
+    table["note"] = objection(walkers)
     return table
+
+
+def objection(walkers: Mapping[str, Gait]) -> str:
+    """Which of them have no error, and why; "ok" if all have one."""
+    objections = [_upright(name, gait) for name, gait in walkers.items() if not comparable(gait)]
+    return f"{NOT_COMPARABLE}: {', '.join(objections)}" if objections else "ok"
 
 
 def aligned_phase_lag(gait: Gait, reference: Gait, window: int) -> tuple[float, float]:

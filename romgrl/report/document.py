@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import pandas as pd
 
-from romgrl.report.tables import definitions, error_table, gait_table, markdown
+from romgrl.report.tables import definitions, distance_table, error_table, gait_table, markdown
 
 NUMBERS = {
     "error": "mean squared error per channel over the last {window} steps of every episode without a fall, laid over "
@@ -15,6 +15,13 @@ NUMBERS = {
     "shifted by the same time and weighted by their variance; mean over episodes. Raw: over the reference's first "
     "window",
     "teacher floor": "the same error of the teacher's episodes against its other episodes",
+    "mmd": "squared maximum mean discrepancy (unbiased, so it can be below zero) between the scored windows and the "
+    "teacher's, over runs of four frames in the teacher's standard deviations; Gaussian kernel, the teacher's median "
+    "distance as its width; p: share of 2,000 exchanges of whole episodes that give as much",
+    "wasserstein": "first Wasserstein distance between the values of a channel, whenever they came; all channels: mean "
+    "in standard deviations of the teacher",
+    "dtw": "what dynamic time warping within 10 % of the window leaves of the aligned windows, one warping for all "
+    "channels: mean distance along it, all channels together in standard deviations of the teacher",
     "reduction": "100 (1 - student / baseline); the average is the mean of the five reductions, as in the paper",
     "falls": "episodes that ended before {steps} steps by a fall; what follows a fall counts nowhere",
     "mean speed": "over all steps from the reset, which starts slower than the target, and so its error; steady speed "
@@ -48,7 +55,12 @@ class Facts:
 
 
 def write(
-    errors: pd.DataFrame, gaits: pd.DataFrame, facts: Facts, pictures: Sequence[str], films: Sequence[str]
+    errors: pd.DataFrame,
+    distances: pd.DataFrame,
+    gaits: pd.DataFrame,
+    facts: Facts,
+    pictures: Sequence[str],
+    films: Sequence[str],
 ) -> str:
     """The whole document; pictures and films are names of files beside it."""
     values = {"window": facts.window, "steps": facts.steps}
@@ -59,6 +71,8 @@ def write(
         f"{facts.episodes} episodes of {facts.steps} steps per walker, both from the same resets; seed {facts.seed}, "
         "one training each: another seed gives other numbers.\n",
         f"## Error against the teacher\n\n{markdown(error_table(errors))}\n{remarks(errors)}",
+        "## Distance from the teacher\n\nBy measures that no training has seen.\n\n"
+        + markdown(distance_table(distances)),
         f"## Gait\n\n{markdown(gait_table(gaits))}",
         "## Pictures\n\n" + "\n\n".join(f"![{name}]({name}.png)" for name in pictures) + "\n",
     ]

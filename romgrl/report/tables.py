@@ -49,6 +49,18 @@ def error_table(errors: pd.DataFrame) -> pd.DataFrame:
     return table
 
 
+def distance_table(distances: pd.DataFrame) -> pd.DataFrame:
+    """distances.csv for reading: one row per distance and channel, the unit beside it, p where there is one."""
+    names = {**CHANNEL_LABELS, "all": "all channels"}
+    table = pd.DataFrame({"distance": distances.distance, "channel": distances.channel.map(names)})
+    for column in ("baseline", "student", "teacher_floor"):
+        table[column.replace("_", " ")] = distances[column].astype(float)
+    table["unit"] = distances.unit.astype(str)
+    for column in ("baseline_p", "student_p", "floor_p"):
+        table[column.replace("_", " ")] = distances[column].astype(float)
+    return table
+
+
 def gait_table(gaits: pd.DataFrame) -> pd.DataFrame:
     """gait.csv for reading: one row per number, one column per walker, units in brackets."""
     table = gaits.set_index("walker").T

@@ -15,6 +15,7 @@ from romgrl.artifacts import save_arrays
 from romgrl.config import Config
 from romgrl.errors import ConfigurationError
 from romgrl.gait.alignment import aligned_phase_lag, mse_table
+from romgrl.gait.distances import distance_table
 from romgrl.gait.features import CHANNELS, Gait, gait_from_reference, gait_from_rollouts, until_first_fall
 from romgrl.gait.metrics import describe
 from romgrl.humanoid.replay import replay
@@ -28,7 +29,7 @@ Policy = Callable[[NDArray[np.float32]], NDArray[np.float32]]
 
 
 def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog) -> None:
-    """Write rollouts.npz, mse.csv and gait.csv. Both walkers start from the same states."""
+    """Write rollouts.npz, mse.csv, distances.csv and gait.csv. Both walkers start from the same states."""
     evaluation = config.evaluation
     if evaluation.steps < evaluation.window:
         raise ConfigurationError(
@@ -54,9 +55,12 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
     gaits = {"teacher": gait_from_reference(reference), **{n: gait_from_rollouts(rollouts, n) for n in WALKERS}}
     speeds = {"teacher": float(reference["speed"]), **dict.fromkeys(WALKERS, config.speed)}
     teacher, student, baseline = (gaits[name] for name in ("teacher", *WALKERS))
-    errors = mse_table(reference=teacher, student=student, baseline=baseline, window=evaluation.window)
+    compared = {"reference": teacher, "student": student, "baseline": baseline}
+    errors = mse_table(**compared, window=evaluation.window)
+    distances = distance_table(**compared, window=evaluation.window, seed=config.seed)
     table = gait_table(gaits, speeds, mass=env.dimensions.mass, window=evaluation.window)
     errors.to_csv(output / "mse.csv", index=False)
+    distances.to_csv(output / "distances.csv", index=False)
     table.to_csv(output / "gait.csv", index=False)
     report(errors, table, log)
 

@@ -24,6 +24,8 @@ Arrays = dict[str, NDArray[Any]]
 WALKERS = ("student", "baseline")
 TOLERANCE = 1e-4  # of numbers that were float64 when they were written
 ERROR_COLUMNS = ("channel", "alignment", "baseline", "student", "reduction_percent", "teacher_floor", "note")
+MEASURED = ("baseline", "student", "teacher_floor", "baseline_p", "student_p", "floor_p")
+DISTANCE_COLUMNS = ("distance", "channel", *MEASURED, "unit", "note")
 GAIT_COLUMNS = ("walker", "episodes", "falls", "steady_speed_m_per_s", "stride_frequency_hz", "trunk_lean_deg")
 
 

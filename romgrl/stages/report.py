@@ -20,6 +20,7 @@ from romgrl.progress import StageLog
 from romgrl.report import document, figures, film, tables
 from romgrl.report.style import save
 from romgrl.stages.inputs import (
+    DISTANCE_COLUMNS,
     ERROR_COLUMNS,
     GAIT_COLUMNS,
     WALKERS,
@@ -34,10 +35,11 @@ FILM_TIME = 6.0  # s at the end of the recorded episode
 
 
 def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog) -> None:
-    """Write the figures (PNG and PDF), mse.md, gait.md, student.mp4, baseline.mp4 and report.md."""
+    """Write the figures (PNG and PDF), mse.md, distances.md, gait.md, student.mp4, baseline.mp4 and report.md."""
     model = humanoid_model(config)
     rollouts = read_rollouts(inputs["evaluation"], config, model.nq + model.nv)
     errors = read_table(inputs["evaluation"] / "mse.csv", ERROR_COLUMNS)
+    distances = read_table(inputs["evaluation"] / "distances.csv", DISTANCE_COLUMNS)
     gaits = read_table(inputs["evaluation"] / "gait.csv", GAIT_COLUMNS)
     pictures = draw(config, inputs, rollouts, errors)
     states = {name: rollouts[f"{name}_states"] for name in WALKERS}
@@ -55,9 +57,10 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
     for name, picture in pictures.items():
         save(picture, output, name)
     (output / "mse.md").write_text(tables.markdown(tables.error_table(errors)))
+    (output / "distances.md").write_text(tables.markdown(tables.distance_table(distances)))
     (output / "gait.md").write_text(tables.markdown(tables.gait_table(gaits)))
     facts = collect_facts(config, inputs)
-    (output / "report.md").write_text(document.write(errors, gaits, facts, list(pictures), films))
+    (output / "report.md").write_text(document.write(errors, distances, gaits, facts, list(pictures), films))
     log.message(document.headline(errors, gaits))
 
 

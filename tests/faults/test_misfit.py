@@ -21,6 +21,7 @@ from romgrl.gait.features import CHANNELS
 from romgrl.humanoid import model
 from romgrl.progress import SilentLog
 from romgrl.stages import evaluation, reference, report, student
+from romgrl.stages.inputs import DISTANCE_COLUMNS
 from romgrl.stages.walkers import humanoid_model
 from tests.gait.synthetic import DT, run
 
@@ -110,6 +111,7 @@ class Bench:
         columns = ["channel", "alignment", "baseline", "student", "reduction_percent", "teacher_floor", "note"]
         self.table("mse", pd.DataFrame([["average", "raw", 1.0, 1.0, 0.0, 0.0, "ok"]], columns=columns))
         columns = ["walker", "episodes", "falls", "steady_speed_m_per_s", "stride_frequency_hz", "trunk_lean_deg"]
+        self.table("distances", pd.DataFrame([["mmd", "all", *[0.0] * 6, "1", "ok"]], columns=DISTANCE_COLUMNS))
         self.table("gait", pd.DataFrame([["student", 1, 0, 4.0, 1.7, 5.0]], columns=columns))
 
     def table(self, name: str, table: pd.DataFrame) -> None:
@@ -323,6 +325,12 @@ CASES: dict[str, tuple[str, str, Spoil, str]] = {
         lambda b: mse(b, lambda table: table.drop(columns="trunk_lean_deg"), "gait"),
         "no column trunk_lean_deg",
     ),
+    "no distance column": (
+        "report",
+        "evaluation/distances.csv",
+        lambda b: mse(b, lambda table: table.drop(columns=["teacher_floor", "unit"]), "distances"),
+        "no column teacher_floor, unit",
+    ),
     "no rows": ("report", "evaluation/gait.csv", lambda b: mse(b, lambda table: table[:0], "gait"), "no rows"),
     "an empty table": (
         "report",
@@ -348,7 +356,7 @@ def test_every_misfit_is_named_before_any_training(
         assert message in str(caught.value), f"{case}: {caught.value}"
         assert (len(str(caught.value).splitlines()), caught.value.exit_code) == (1, 3)
         named += 1
-    assert named == len(CASES) == 42
+    assert named == len(CASES) == 43
     print(f"{named} of {len(CASES)} artifacts that do not fit named")
 
 

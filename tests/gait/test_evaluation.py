@@ -21,6 +21,7 @@ from romgrl.humanoid.model import build, dimensions, fingerprint
 from romgrl.humanoid.replay import replay
 from romgrl.progress import SilentLog
 from romgrl.stages import evaluation
+from romgrl.stages.inputs import DISTANCE_COLUMNS
 from romgrl.stages.walkers import humanoid_model
 from tests.gait.synthetic import DT, run
 
@@ -127,6 +128,10 @@ def test_stage_writes_the_fixed_files(smoke_config: Config, tmp_path: Path) -> N
     np.testing.assert_array_equal(rollouts["student_states"][0], rollouts["baseline_states"][0])  # the same resets
     errors, gaits = pd.read_csv(tmp_path / "mse.csv"), pd.read_csv(tmp_path / "gait.csv")
     assert len(errors) == 12
+    distances = pd.read_csv(tmp_path / "distances.csv")
+    assert set(distances) >= set(DISTANCE_COLUMNS)
+    assert distances.teacher_floor[distances.distance != "mmd"].notna().all()  # mmd: two episodes on each side
+    assert set(distances.note) == set(errors.note)
     assert list(gaits.walker) == ["teacher", "student", "baseline"]
     teacher = gaits.set_index("walker").loc["teacher"]
     assert teacher.stride_frequency_hz == pytest.approx(1.75, rel=0.01)

@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from romgrl.artifacts import save_arrays
 from romgrl.config import Config
 from romgrl.gait.alignment import mse_table
+from romgrl.gait.distances import distance_table
 from romgrl.gait.features import Floats, Gait
 from romgrl.gait.metrics import describe
 from romgrl.humanoid.model import build
@@ -215,6 +216,9 @@ def test_stage_without_opengl(
         pd.DataFrame({"step": [1, 2], "speed": [1.0, 2.0]}).to_csv(inputs[name] / "curve.csv", index=False)
     save_arrays(inputs["evaluation"] / "rollouts.npz", rollouts)
     errors.to_csv(inputs["evaluation"] / "mse.csv", index=False)
+    compared = {"reference": gaits["teacher"], "student": gaits["student"], "baseline": gaits["baseline"]}
+    distances = distance_table(**compared, window=100, seed=0)
+    distances.to_csv(inputs["evaluation"] / "distances.csv", index=False)
     gait_rows.to_csv(inputs["evaluation"] / "gait.csv", index=False)
     log, output = SilentLog(), tmp_path / "report"
     output.mkdir()
@@ -228,3 +232,4 @@ def test_stage_without_opengl(
     assert f"{average.reduction_percent:.1f} % below" in text
     assert all(f"({name}.png)" in text for name in names)
     assert (output / "mse.md").read_text() in text
+    assert (output / "distances.md").read_text() in text
