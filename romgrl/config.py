@@ -231,8 +231,9 @@ class Config:
     """Everything a run needs."""
 
     stage: str = key(
-        "last stage to run, with what it needs; sync: bring to MLflow what earlier jobs could not",
-        choices=("all", *STAGES, "sync"),
+        "last stage to run, with what it needs; sync: bring to MLflow what earlier jobs could not; verify: compare what "
+        "is finished with the paper",
+        choices=("all", *STAGES, "sync", "verify"),
     )
     speed: float = key("target speed of student and baseline", unit="m/s", low=0, high=10)
     eta: float = key("weight of the task reward; 1 - eta weighs imitation", low=0, high=1)

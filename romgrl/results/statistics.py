@@ -1,0 +1,124 @@
+"""Statistics over seeds (Agarwal et al. 2021, Deep Reinforcement Learning at the Edge of the Statistical Precipice).
+
+A sample holds one number per seed. Several samples are strata: each is resampled by itself, and the statistic is that
+of all resampled numbers together. Intervals are percentile intervals of scipy's bootstrap.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import bootstrap, trim_mean
+
+CONFIDENCE = 0.95
+RESAMPLES = 9_999
+SEED = 2021  # of the resampling, so that the same numbers have the same interval
+
+Floats = NDArray[np.float64]
+Statistic = Callable[..., Any]
+
+
+@dataclass(frozen=True)
+class Interval:
+    """Ends of a confidence interval; both nan where there are fewer than two numbers."""
+
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Summary:
+    """One number over the seeds of a cell. `missing`: seeds in which it is not defined; all else is without them."""
+
+    seeds: int
+    missing: int
+    mean: float
+    mean_interval: Interval
+    iqm: float
+    iqm_interval: Interval
+    deviation: float
+    smallest: float
+    largest: float
+
+    @property
+    def variation(self) -> float:
+        """Coefficient of variation: standard deviation over the size of the mean."""
+        return self.deviation / abs(self.mean) if self.mean else math.nan
+
+
+NOWHERE = Interval(math.nan, math.nan)
+
+
+def interquartile_mean(values: Floats, axis: int = -1) -> Any:
+    """Mean of the middle half: floor(n / 4) of n numbers are cut off at each end; nan for none."""
+    return trim_mean(values, 0.25, axis=axis) if values.size else math.nan
+
+
+def interval(strata: Sequence[Floats], statistic: Statistic = np.mean) -> Interval:
+    """95% stratified bootstrap interval of a statistic of the pooled numbers."""
+    strata = [np.asarray(stratum, float) for stratum in strata]
+    if not strata or min(len(stratum) for stratum in strata) < 2:
+        return NOWHERE
+    return resampled(strata, lambda *samples, axis: statistic(np.concatenate(samples, axis=axis), axis=axis))
+
+
+def probability_of_improvement(ours: Floats, theirs: Floats) -> float:
+    """P(X > Y) + P(X = Y) / 2 for a seed of each: the Mann-Whitney U statistic over the number of pairs.
+
+    Larger is better; swap the two where smaller is. nan where one of them is empty.
+    """
+    return float(share_of_wins(np.asarray(ours, float), np.asarray(theirs, float)))
+
+
+def improvement_interval(ours: Floats, theirs: Floats) -> Interval:
+    """95% bootstrap interval of the probability of improvement; both samples are resampled independently."""
+    samples = [np.asarray(ours, float), np.asarray(theirs, float)]
+    if min(map(len, samples)) < 2:
+        return NOWHERE
+    return resampled(samples, lambda x, y, axis: share_of_wins(x, y))
+
+
+def share_of_wins(ours: Floats, theirs: Floats) -> Any:
+    """Share of pairs (..., N) x (..., M) in which ours is larger, ties half: (...)."""
+    if not (ours.shape[-1] and theirs.shape[-1]):
+        return math.nan
+    differences = ours[..., :, None] - theirs[..., None, :]
+    return (0.5 + 0.5 * np.sign(differences)).mean(axis=(-2, -1))
+
+
+def resampled(samples: Sequence[Floats], statistic: Statistic) -> Interval:
+    """Percentile interval of a vectorised statistic of samples that are resampled one by one."""
+    ends = bootstrap(
+        samples,
+        statistic,
+        n_resamples=RESAMPLES,
+        confidence_level=CONFIDENCE,
+        method="percentile",
+        vectorized=True,
+        axis=-1,
+        rng=np.random.default_rng(SEED),
+    ).confidence_interval
+    return Interval(float(ends.low), float(ends.high))
+
+
+def summarize(values: Sequence[float]) -> Summary:
+    """The numbers of a cell, one per seed; nan stands for a seed in which the number is not defined."""
+    everything = np.asarray(values, float)
+    known = everything[np.isfinite(everything)]
+    none = not len(known)
+    return Summary(
+        seeds=len(everything),
+        missing=len(everything) - len(known),
+        mean=math.nan if none else float(known.mean()),
+        mean_interval=interval([known]),
+        iqm=float(interquartile_mean(known)),
+        iqm_interval=interval([known], interquartile_mean),
+        deviation=float(known.std(ddof=1)) if len(known) > 1 else math.nan,
+        smallest=math.nan if none else float(known.min()),
+        largest=math.nan if none else float(known.max()),
+    )
