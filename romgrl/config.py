@@ -231,8 +231,8 @@ class Config:
     """Everything a run needs."""
 
     stage: str = key(
-        "last stage to run, with what it needs; sync: bring to MLflow what earlier jobs could not; verify: compare what "
-        "is finished with the paper",
+        "last stage to run, with what it needs; sync: bring to MLflow what earlier jobs could not; verify: compare "
+        "what is finished with the paper",
         choices=("all", *STAGES, "sync", "verify"),
     )
     speed: float = key("target speed of student and baseline", unit="m/s", low=0, high=10)

@@ -22,6 +22,7 @@ from romgrl.recorder import open_recorder, sync, ui_command
 from romgrl.summary import result_metrics, result_tables
 from romgrl.worker import Worker, execute
 
+WIDEST_TABLE = 150  # columns; wider than many terminals, so that no verdict is cut off
 WORKERS = 2  # the graph has no three stages that do not need each other
 
 
@@ -36,6 +37,8 @@ def run(
     config = resolve(config)
     if config.stage == "sync":
         return bring_the_rest(config, console or Console())
+    if config.stage == "verify":
+        return show_verdicts(config, name, console or Console())
     interruption.listen()
     outputs = Path(config.paths.outputs)
     tracking = config.tracking
@@ -73,6 +76,16 @@ def bring_the_rest(config: Config, console: Console) -> dict[str, Path]:
     """Send MLflow what earlier jobs could not, and print what that was."""
     for line in sync(config.tracking.uri, Path(config.paths.outputs)):
         console.print(line, markup=False, highlight=False, soft_wrap=True)
+    return {}
+
+
+def show_verdicts(config: Config, name: str, console: Console) -> dict[str, Path]:
+    """Print what finished evaluations of a configuration say about the paper's claims; `name` holds its overrides."""
+    from romgrl.results.verify import verify  # takes a second to import
+
+    console.width = max(console.width, WIDEST_TABLE)
+    for each in verify(config, [] if name == "job" else redacted(name).split(" ")):
+        console.print(each, markup=False, highlight=False, soft_wrap=isinstance(each, str))
     return {}
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import Any
 from romgrl.artifacts import Manifest, open_artifact, read_manifest
 from romgrl.config import Config
 from romgrl.errors import ArtifactError
+from romgrl.gait.features import CHANNELS
 from romgrl.keys import STAGES, stage_settings, upstream_of
 from romgrl.summary import result_metrics
 from romgrl.validation import show
@@ -35,9 +37,9 @@ class Evaluation:
     numbers: dict[str, float]
 
     @property
-    def missing(self) -> list[str]:
-        """The stages whose artifacts are not there any more."""
-        return [stage for stage in LINEAGE if not self.lineage.get(stage)]
+    def settings(self) -> Settings:
+        """The settings of all stages together."""
+        return {key: value for stage in self.lineage.values() for key, value in stage[0].config.items()}
 
     @property
     def finished_at(self) -> float:
@@ -59,7 +61,20 @@ def evaluations(outputs: Path) -> tuple[list[Evaluation], dict[Path, str]]:
 def read_evaluation(directory: Path, known: Catalogue) -> Evaluation:
     """Verify an evaluation and read its numbers. Raises ArtifactError."""
     manifest = open_artifact(directory, stage="evaluation")
-    return Evaluation(directory, manifest, trace(manifest, known), result_metrics(directory))
+    numbers = result_metrics(directory)
+    return Evaluation(directory, manifest, trace(manifest, known), numbers | derived(numbers))
+
+
+def derived(numbers: Mapping[str, float]) -> dict[str, float]:
+    """The reduction of the channel that has least, and how far the student's cadence is from the teacher's."""
+    found = {}
+    reductions = [numbers.get(f"{channel}/aligned/reduction_percent", math.nan) for channel in CHANNELS]
+    if all(map(math.isfinite, reductions)):
+        found["weakest/aligned/reduction_percent"] = min(reductions)
+    student, teacher = (numbers.get(f"{walker}/stride_frequency_hz", math.nan) for walker in ("student", "teacher"))
+    if math.isfinite(student) and teacher > 0:
+        found["student/stride_frequency_deviation_percent"] = 100.0 * abs(student / teacher - 1.0)
+    return found
 
 
 def catalogue(outputs: Path) -> Catalogue:
@@ -87,7 +102,7 @@ def trace(manifest: Manifest, known: Catalogue) -> dict[str, list[Manifest]]:
 
 
 def differences(evaluation: Evaluation, config: Config) -> list[str]:
-    """In what an evaluation differs from a configuration with its seed: `eta 0.3 instead of 0.5`; none where it fits."""
+    """In what an evaluation differs from a configuration with its seed, such as `eta 0.3 instead of 0.5`."""
     found: dict[str, str] = {}
     for stage in LINEAGE:
         wanted = plain(stage_settings(stage, config)) | {"seed": evaluation.manifest.seed}

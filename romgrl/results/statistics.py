@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -33,17 +34,50 @@ class Interval:
 
 @dataclass(frozen=True)
 class Summary:
-    """One number over the seeds of a cell. `missing`: seeds in which it is not defined; all else is without them."""
+    """One number over the seeds of a cell. `missing`: seeds in which it is not defined; `values` is without them."""
 
-    seeds: int
+    values: Floats
     missing: int
-    mean: float
-    mean_interval: Interval
-    iqm: float
-    iqm_interval: Interval
-    deviation: float
-    smallest: float
-    largest: float
+
+    @property
+    def seeds(self) -> int:
+        """All seeds of the cell."""
+        return len(self.values) + self.missing
+
+    @property
+    def mean(self) -> float:
+        """Mean; nan for no values."""
+        return float(self.values.mean()) if len(self.values) else math.nan
+
+    @cached_property
+    def mean_interval(self) -> Interval:
+        """Interval of the mean."""
+        return interval([self.values])
+
+    @property
+    def iqm(self) -> float:
+        """Interquartile mean; nan for no values."""
+        return float(interquartile_mean(self.values))
+
+    @cached_property
+    def iqm_interval(self) -> Interval:
+        """Interval of the interquartile mean."""
+        return interval([self.values], interquartile_mean)
+
+    @property
+    def deviation(self) -> float:
+        """Sample standard deviation; nan for fewer than two values."""
+        return float(self.values.std(ddof=1)) if len(self.values) > 1 else math.nan
+
+    @property
+    def smallest(self) -> float:
+        """Smallest value; nan for none."""
+        return float(self.values.min()) if len(self.values) else math.nan
+
+    @property
+    def largest(self) -> float:
+        """Largest value; nan for none."""
+        return float(self.values.max()) if len(self.values) else math.nan
 
     @property
     def variation(self) -> float:
@@ -110,15 +144,4 @@ def summarize(values: Sequence[float]) -> Summary:
     """The numbers of a cell, one per seed; nan stands for a seed in which the number is not defined."""
     everything = np.asarray(values, float)
     known = everything[np.isfinite(everything)]
-    none = not len(known)
-    return Summary(
-        seeds=len(everything),
-        missing=len(everything) - len(known),
-        mean=math.nan if none else float(known.mean()),
-        mean_interval=interval([known]),
-        iqm=float(interquartile_mean(known)),
-        iqm_interval=interval([known], interquartile_mean),
-        deviation=float(known.std(ddof=1)) if len(known) > 1 else math.nan,
-        smallest=math.nan if none else float(known.min()),
-        largest=math.nan if none else float(known.max()),
-    )
+    return Summary(known, len(everything) - len(known))

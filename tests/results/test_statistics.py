@@ -90,9 +90,7 @@ def test_a_certain_improvement_has_a_certain_interval() -> None:
 
 
 @pytest.mark.parametrize(("seeds", "coverage"), [(3, 0.74), (5, 0.83), (20, 0.92)])
-def test_coverage_of_the_mean_of_normal_numbers(
-    seeds: int, coverage: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_coverage_of_the_mean_of_normal_numbers(seeds: int, coverage: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """How often the interval holds the true mean: less often than 95% with few seeds; docs/method.md says so."""
     monkeypatch.setattr(statistics, "RESAMPLES", 499)
     samples = np.random.default_rng(0).normal(size=(400, seeds))

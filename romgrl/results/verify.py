@@ -1,0 +1,179 @@
+"""stage=verify: the paper's claims beside what finished evaluations of one configuration say. Nothing is trained."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+
+from rich.table import Table
+
+from romgrl.config import Config
+from romgrl.errors import ArtifactError
+from romgrl.gait.features import CHANNELS
+from romgrl.results.claims import (
+    ENOUGH_SEEDS,
+    TOO_FEW,
+    Finding,
+    claims_for,
+    column,
+    find,
+    known,
+    read_claims,
+)
+from romgrl.results.finished import Evaluation, Selection, select
+from romgrl.results.statistics import (
+    Interval,
+    improvement_interval,
+    probability_of_improvement,
+    summarize,
+)
+from romgrl.summary import ALIGNMENTS
+
+WILD = 0.5  # coefficient of variation of the baseline's error over seeds from which a reduction says little
+LISTED = 10  # reasons why evaluations are left out
+
+
+def verify(config: Config, command: Sequence[str]) -> list[str | Table]:
+    """What there is to print. `command`: the overrides of this run, repeated in the command that makes what is missing.
+
+    Raises ArtifactError where no evaluation of this configuration is finished.
+    """
+    outputs = Path(config.paths.outputs)
+    selection = select(outputs, config)
+    making = f"python -m romgrl -m seed={','.join(map(str, range(ENOUGH_SEEDS)))} " + " ".join(
+        text for text in command if text.partition("=")[0] not in ("stage", "seed")
+    )
+    if not selection.used:
+        why = f" ({len(selection.left_out)} with other settings or damaged)" if selection.left_out else ""
+        raise ArtifactError(f"{outputs}: no finished evaluation of this configuration{why}; {making.strip()} makes it")
+    findings = [find(claim, selection.used) for claim in claims_for(selection.used[0].settings, read_claims())]
+    lines: list[str | Table] = [*provenance(config, selection)]
+    if findings:
+        lines.append(claims_table(findings))
+    else:
+        lines.append(f"no claim is made about {config.speed:g} m/s")
+    lines += [errors_table(selection.used), baseline_table(selection.used), *warnings(selection)]
+    if any(finding.verdict == TOO_FEW for finding in findings):
+        lines.append(f"more seeds: {making.strip()}")
+    return lines
+
+
+def provenance(config: Config, selection: Selection) -> list[str]:
+    """Which evaluations count, and why others do not."""
+    first = selection.used[0].settings
+    lines = [
+        f"verify: {config.speed:g} m/s, {counted(len(selection.used), 'seed')}, "
+        f"{first['evaluation.episodes']} episodes of {first['evaluation.steps']} steps, evaluations in {selection.used[0].directory.parent}"
+    ]
+    for evaluation in selection.used:
+        manifest = evaluation.manifest
+        code = (manifest.revision or "unknown")[:10] + (" with changes" if manifest.dirty else "")
+        lines.append(f"used: {manifest.key}, seed {manifest.seed}, digest {manifest.digest[:16]}, code {code}")
+    reasons = Counter(selection.left_out.values()).most_common()
+    for reason, count in reasons[:LISTED]:
+        keys = [path.name for path, why in selection.left_out.items() if why == reason]
+        lines.append(f"left out: {keys[0] if count == 1 else counted(count, 'evaluation')}: {reason}")
+    if len(reasons) > LISTED:
+        lines.append(f"left out: {sum(count for _, count in reasons[LISTED:])} evaluations for other reasons")
+    return lines
+
+
+def claims_table(findings: Sequence[Finding]) -> Table:
+    """Claim by claim: what is expected, what was found, the verdict."""
+    table = Table(title="Claims; in brackets the 95 % interval over seeds", title_justify="left")
+    for name in ("claim", "by"):
+        table.add_column(name)
+    for name in ("expected", "found"):
+        table.add_column(name, justify="right")
+    table.add_column("seeds", justify="right")
+    table.add_column("judged by", no_wrap=True)
+    table.add_column("verdict", no_wrap=True)
+    for finding in findings:
+        claim = finding.claim
+        found = with_interval(finding.estimate, finding.interval)
+        if claim.than is not None:
+            found = f"P = {found}"
+        without = sum(map(math.isnan, finding.values))
+        seeds = f"{len(finding.values)}" + (f" ({without} without)" if without else "")
+        table.add_row(
+            claim.id, claim.source, claim.expected, found, seeds, claim.judged_by.replace("_", " "), finding.verdict
+        )
+    return table
+
+
+def errors_table(evaluations: Sequence[Evaluation]) -> Table:
+    """Errors aligned and raw, their reduction as mean and interquartile mean, and the probability of improvement."""
+    table = Table(title="Error against the reference, mean over seeds (m²)", title_justify="left")
+    table.add_column("channel", no_wrap=True)
+    for name in ("baseline", "ROM-GRL", "reduction %", "IQM of it %", "P(improvement)"):
+        table.add_column(name, justify="right")
+    for alignment in ALIGNMENTS:
+        for channel in (*CHANNELS, "average"):
+            prefix = f"{channel}/{alignment}"
+            student, baseline = (column(evaluations, f"{prefix}/{name}") for name in ("student", "baseline"))
+            reduction = summarize(column(evaluations, f"{prefix}/reduction_percent"))
+            ours, theirs = -known(student), -known(baseline)
+            table.add_row(
+                f"{channel}, {alignment}",
+                short(summarize(baseline).mean),
+                short(summarize(student).mean),
+                with_interval(reduction.mean, reduction.mean_interval),
+                with_interval(reduction.iqm, reduction.iqm_interval),
+                with_interval(probability_of_improvement(ours, theirs), improvement_interval(ours, theirs)),
+            )
+        table.add_section()
+    return table
+
+
+def baseline_table(evaluations: Sequence[Evaluation]) -> Table:
+    """How far the baseline's aligned error spreads over the seeds."""
+    table = Table(title="Baseline's aligned error over seeds (m²)", title_justify="left")
+    table.add_column("channel", no_wrap=True)
+    for name in ("mean", "deviation", "variation", "smallest", "largest"):
+        table.add_column(name, justify="right")
+    for channel in (*CHANNELS, "average"):
+        summary = summarize(column(evaluations, f"{channel}/aligned/baseline"))
+        numbers = (summary.mean, summary.deviation, summary.variation, summary.smallest, summary.largest)
+        table.add_row(channel, *map(short, numbers))
+    return table
+
+
+def warnings(selection: Selection) -> list[str]:
+    """What makes the numbers above say less than they seem to."""
+    lines = []
+    summaries = {
+        channel: summarize(column(selection.used, f"{channel}/aligned/baseline")) for channel in (*CHANNELS, "average")
+    }
+    wild = [f"{channel} {summary.variation:.0%}" for channel, summary in summaries.items() if summary.variation > WILD]
+    if wild:
+        lines.append(
+            f"warning: the baseline varies wildly over seeds ({', '.join(wild)}; deviation above {WILD:.0%} of "
+            "the mean): a reduction against it says little; compare the errors themselves"
+        )
+    fallen = [each.manifest.seed for each in selection.used if "average/aligned/reduction_percent" not in each.numbers]
+    if fallen:
+        lines.append(
+            f"warning: seed {', '.join(map(str, fallen))}: student or baseline fell in more than half of the "
+            "episodes, so there is no error to compare; it counts against every claim about errors"
+        )
+    if selection.codes > 1:
+        lines.append(f"warning: {selection.codes} versions of code or libraries made these evaluations")
+    return lines
+
+
+def counted(number: int, noun: str) -> str:
+    """`1 seed`, `2 seeds`."""
+    return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
+def with_interval(estimate: float, ends: Interval) -> str:
+    """`66.1 [60.2, 71.3]`; without brackets where there is no interval."""
+    text = short(estimate)
+    return text if math.isnan(ends.low) else f"{text} [{short(ends.low)}, {short(ends.high)}]"
+
+
+def short(value: float) -> str:
+    """Three significant digits; a dash for no number."""
+    return "-" if math.isnan(value) else f"{value:.3g}"

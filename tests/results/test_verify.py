@@ -1,0 +1,203 @@
+"""stage=verify: which evaluations count, and the verdicts on them."""
+
+from __future__ import annotations
+
+import io
+import math
+import re
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from romgrl.config import Config
+from romgrl.errors import ArtifactError
+from romgrl.gait.features import CHANNELS
+from romgrl.pipeline import run
+from romgrl.results import statistics
+from romgrl.results.claims import TOO_FEW, TOO_SHORT, Claim, decide, read_claims
+from romgrl.results.finished import select
+from romgrl.results.statistics import NOWHERE, Interval
+from tests.conftest import Composer
+from tests.results.chains import changed, finish
+
+LONG = ("evaluation.episodes=100", "evaluation.steps=1000")
+
+
+def printed(config: Config) -> str:
+    """What the command prints."""
+    console = Console(record=True, width=200, file=io.StringIO())
+    assert run(config, name=f"speed={config.speed:g} stage=verify seed=3", console=console) == {}
+    return console.export_text()
+
+
+def row(text: str, claim: str) -> str:
+    """The row of a claim."""
+    (found,) = [line for line in text.splitlines() if re.match(rf"│ {re.escape(claim)} +│", line)]
+    return found
+
+
+@pytest.fixture(autouse=True)
+def _few_resamples(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(statistics, "RESAMPLES", 999)
+
+
+@pytest.fixture
+def verify(default_config: Config, tmp_path: Path) -> Composer:
+    def composed(*overrides: str) -> Config:
+        return changed(default_config, f"paths.outputs={tmp_path}", "stage=verify", *overrides)
+
+    return composed
+
+
+def test_claim_by_claim(verify: Composer, tmp_path: Path) -> None:
+    students = [0.010, 0.011, 0.012, 0.013, 0.014]
+    for seed, student in enumerate(students):
+        finish(tmp_path, verify(f"seed={seed}", *LONG), student=student, gait={"stride_frequency_hz": 1.62})
+    text = printed(verify(*LONG))
+    average = row(text, "average reduction")
+    assert "88 [86.8, 89.2]" in average  # 1 - 0.012 / 0.1; the exact bootstrap of five numbers in steps of 1/5
+    assert "≥ 44.4 %" in average
+    assert "Table 1" in average
+    assert average.rstrip("│ ").endswith("│ reproduced")
+    assert "not reproduced" in row(text, "ROM-GRL MSE of pelvis height")  # 0.012 against the paper's 0.00408
+    assert " reproduced" in row(text, "ROM-GRL MSE of right foot x")
+    assert "not reproduced" in row(text, "more symmetric than the baseline at 4 m/s")  # both 0.9
+    assert "P = 0.5" in row(text, "more symmetric than the baseline at 4 m/s")
+    assert row(text, "strides as often as the teacher").rstrip("│ ").endswith("not reached")  # 1.62 Hz against 1.5
+    for claim in ("average reduction of 80 %", "average reduction surely above 66 %", "no fall", "mean speed"):
+        assert row(text, claim).rstrip("│ ").endswith("│ reached")
+    assert "4 m/s, 5 seeds, 100 episodes of 1000 steps" in text
+    assert text.count("used: ") == 5
+    assert "warning" not in text
+    assert "1 m/s" not in text.replace("mean speed", "")
+
+
+def test_few_seeds_short_episodes_and_what_would_help(verify: Composer, tmp_path: Path) -> None:
+    for seed in range(2):
+        finish(tmp_path, verify(f"seed={seed}"))
+    text = printed(verify())
+    assert TOO_FEW in row(text, "average reduction")
+    assert "more seeds: python -m romgrl -m seed=0,1,2,3,4 speed=4\n" in text
+    finish(tmp_path, verify("seed=2"))
+    text = printed(verify())
+    assert TOO_SHORT in row(text, "no fall")  # 16 episodes of 300 steps
+    assert row(text, "average reduction").rstrip("│ ").endswith("reproduced")
+
+
+def test_only_the_settings_that_were_asked_for(verify: Composer, tmp_path: Path) -> None:
+    mine = [finish(tmp_path, verify(f"seed={seed}")) for seed in range(3)]
+    other = finish(tmp_path, verify("seed=0", "eta=0.3", "student.gamma=0.9"), student=0.09)
+    old = finish(tmp_path, verify("seed=1"), student=0.09, revision="b" * 40)
+    again = finish(tmp_path, verify("seed=1"), revision="c" * 40)
+    damaged = finish(tmp_path, verify("seed=4"))
+    (damaged / "mse.csv").write_text("x\n")
+    selection = select(tmp_path, verify())
+    assert [each.directory for each in selection.used] == [mine[0], again, mine[2]]
+    assert selection.seeds == [0, 1, 2]
+    assert selection.left_out[other] == "student.gamma 0.9 instead of 0.98, eta 0.3 instead of 0.5"
+    assert "newer one of seed 1" in selection.left_out[old]
+    assert "SHA-256" in selection.left_out[damaged]
+    text = printed(verify())
+    assert f"left out: {other.name}: student.gamma 0.9 instead of 0.98, eta 0.3 instead of 0.5" in text
+    assert "warning: 2 versions of code" in text
+
+
+def test_an_evaluation_whose_student_is_gone_does_not_count(verify: Composer, tmp_path: Path) -> None:
+    directory = finish(tmp_path, verify())
+    for path in tmp_path.glob("artifacts/student/*/manifest.json"):
+        path.unlink()
+    selection = select(tmp_path, verify())
+    assert selection.used == []
+    assert selection.left_out[directory] == "its student is not there any more"
+
+
+def test_a_baseline_that_varies_wildly_is_told(verify: Composer, tmp_path: Path) -> None:
+    for seed, baseline in enumerate((0.05, 0.1, 0.4)):
+        finish(tmp_path, verify(f"seed={seed}"), baseline=baseline)
+    text = printed(verify())
+    assert "warning: the baseline varies wildly over seeds (pelvis_y 103%" in text
+    assert "0.183" in row(text, "average")  # the mean of the three
+    assert "0.05" in row(text, "average")
+    assert "0.4" in row(text, "average")
+
+
+def test_a_seed_that_fell_counts_against_the_claims(verify: Composer, tmp_path: Path) -> None:
+    for seed in range(5):
+        finish(tmp_path, verify(f"seed={seed}"), comparable=seed != 3, gait={"falls": 90.0 if seed == 3 else 0.0})
+    text = printed(verify())
+    assert "not reproduced" in row(text, "average reduction")
+    assert "5 (1 without)" in row(text, "average reduction")
+    assert "warning: seed 3: student or baseline fell" in text
+    assert "not reached" in row(text, "no fall")
+
+
+def test_a_speed_without_claims_has_its_tables(verify: Composer, tmp_path: Path) -> None:
+    finish(tmp_path, verify("speed=2.5"))
+    text = printed(verify("speed=2.5"))
+    assert "no claim is made about 2.5 m/s" in text
+    assert "left_foot_x, raw" in text
+
+
+def test_nothing_finished_is_one_line_with_the_command(verify: Composer, tmp_path: Path) -> None:
+    with pytest.raises(ArtifactError, match="no finished evaluation of this configuration; python -m romgrl -m seed=0"):
+        run(verify())
+    finish(tmp_path, verify("eta=0.3"))
+    with pytest.raises(ArtifactError) as raised:
+        run(verify("speed=1"), name="stage=verify speed=1")
+    assert raised.value.exit_code == 3
+    assert str(raised.value) == (
+        f"{tmp_path}: no finished evaluation of this configuration (1 with other settings or damaged); "
+        "python -m romgrl -m seed=0,1,2,3,4 speed=1 makes it"
+    )
+
+
+def claim(**changes: object) -> Claim:
+    fields = {"id": "x", "of": "paper", "speed": 4, "measure": "m", "unit": "%", "source": "here"}
+    return Claim(**(fields | {"relation": "at_least", "value": 44.4, "judged_by": "interval"} | changes))
+
+
+@pytest.mark.parametrize(
+    ("changes", "low", "high", "seeds", "verdict"),
+    [
+        ({}, 45, 60, 3, "reproduced"),
+        ({}, 20, 44, 3, "not reproduced"),
+        ({}, 40, 60, 4, "too few seeds"),  # open
+        ({}, 40, 60, 5, "not reproduced"),  # five seeds should tell
+        ({}, 45, 60, 2, "too few seeds"),
+        ({"of": "project"}, 45, 60, 3, "reached"),
+        ({"of": "project"}, 20, 30, 3, "not reached"),
+        ({"relation": "at_most"}, 20, 44, 3, "reproduced"),
+        ({"relation": "above", "value": 66}, 66, 70, 5, "not reproduced"),
+        ({"relation": "at_least", "value": 66}, 66, 70, 5, "reproduced"),
+        ({"relation": "about", "tolerance": 5}, 40, 49, 3, "reproduced"),
+        ({"relation": "about", "tolerance": 5}, 50, 51, 3, "not reproduced"),
+        ({"relation": "better", "way": "larger", "than": "y"}, 0.6, 1.0, 3, "reproduced"),
+        ({"relation": "better", "way": "larger", "than": "y"}, 0.5, 1.0, 5, "not reproduced"),
+        ({"judged_by": "mean"}, 0, 100, 3, "reproduced"),
+        ({"judged_by": "mean", "value": 51}, 0, 100, 3, "not reproduced"),
+    ],
+)
+def test_the_rule(changes: dict[str, object], low: float, high: float, seeds: int, verdict: str) -> None:
+    assert decide(claim(**changes), 50.0, Interval(low, high), [50.0] * seeds) == verdict
+
+
+def test_the_rule_for_every_seed_and_for_missing_numbers() -> None:
+    fall = claim(relation="at_most", value=0, judged_by="every_seed")
+    assert decide(fall, 0.2, NOWHERE, [1.0]) == "not reproduced"  # one fall is enough
+    assert decide(fall, 0.0, NOWHERE, [0.0] * 2) == "too few seeds"
+    assert decide(fall, 0.0, NOWHERE, [0.0] * 3) == "reproduced"
+    assert decide(fall, 0.0, NOWHERE, [0.0] * 3, brief=True) == "evaluated too briefly"
+    assert decide(claim(), 90.0, Interval(80, 95), [90.0, 90.0, math.nan]) == "not reproduced"
+
+
+def test_the_claims_are_the_papers_table() -> None:
+    claims = {each.id: each for each in read_claims()}
+    assert len(claims) == len(read_claims())
+    by_measure = {each.measure: each.value for each in claims.values() if each.source == "Table 1"}
+    reductions = [by_measure[f"{channel}/aligned/reduction_percent"] for channel in CHANNELS]
+    for channel, reduction in zip(CHANNELS, reductions, strict=True):
+        student, baseline = (by_measure[f"{channel}/aligned/{name}"] for name in ("student", "baseline"))
+        assert 100 * (1 - student / baseline) == pytest.approx(reduction, abs=0.06)  # the table fits itself
+    assert sum(reductions) / 5 == pytest.approx(by_measure["average/aligned/reduction_percent"], abs=0.06)
+    assert {each.of for each in claims.values()} == {"paper", "project"}
