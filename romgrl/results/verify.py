@@ -62,11 +62,10 @@ def verify(config: Config, command: Sequence[str]) -> list[str | Table]:
 
 def provenance(config: Config, selection: Selection) -> list[str]:
     """Which evaluations count, and why others do not."""
-    first = selection.used[0].settings
-    lines = [
-        f"verify: {config.speed:g} m/s, {counted(len(selection.used), 'seed')}, "
-        f"{first['evaluation.episodes']} episodes of {first['evaluation.steps']} steps, evaluations in {selection.used[0].directory.parent}"
-    ]
+    first, directory = selection.used[0].settings, selection.used[0].directory.parent
+    episodes = f"{first['evaluation.episodes']} episodes of {first['evaluation.steps']} steps"
+    seeds = counted(len(selection.used), "seed")
+    lines = [f"verify: {config.speed:g} m/s, {seeds}, {episodes}, evaluations in {directory}"]
     for evaluation in selection.used:
         manifest = evaluation.manifest
         code = (manifest.revision or "unknown")[:10] + (" with changes" if manifest.dirty else "")
