@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import pandas as pd
 
+from romgrl.report.bands import human_table
 from romgrl.report.tables import definitions, distance_table, error_table, gait_table, markdown
 
 NUMBERS = {
@@ -74,6 +75,7 @@ def write(
         "## Distance from the teacher\n\nBy measures that no training has seen.\n\n"
         + markdown(distance_table(distances)),
         f"## Gait\n\n{markdown(gait_table(gaits))}",
+        f"## Human adults at this speed\n\n{humans(facts.speed)}",
         "## Pictures\n\n" + "\n\n".join(f"![{name}]({name}.png)" for name in pictures) + "\n",
     ]
     if films:
@@ -83,6 +85,12 @@ def write(
         times = pd.DataFrame({"stage": list(facts.wall_times), "wall time [s]": list(facts.wall_times.values())})
         parts.append(f"## Time\n\n{markdown(times)}")
     return "\n".join(parts)
+
+
+def humans(speed: float) -> str:
+    """The bands of human adults with their sources, or that there are none."""
+    table = human_table(speed)
+    return markdown(table) if len(table) else f"No published numbers are kept for {speed:g} m/s.\n"
 
 
 def headline(errors: pd.DataFrame, gaits: pd.DataFrame) -> str:

@@ -17,7 +17,7 @@ from romgrl.gait.alignment import align, last_windows
 from romgrl.gait.features import Gait, gait_from_reference, gait_from_rollouts
 from romgrl.humanoid.rendering import RenderingError, SideCamera
 from romgrl.progress import StageLog
-from romgrl.report import document, figures, film, tables
+from romgrl.report import bands, document, figures, film, tables
 from romgrl.report.style import save
 from romgrl.stages.inputs import (
     DISTANCE_COLUMNS,
@@ -42,6 +42,7 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
     distances = read_table(inputs["evaluation"] / "distances.csv", DISTANCE_COLUMNS)
     gaits = read_table(inputs["evaluation"] / "gait.csv", GAIT_COLUMNS)
     pictures = draw(config, inputs, rollouts, errors)
+    pictures["gait"] = bands.gait_bands(gaits, config.speed)
     states = {name: rollouts[f"{name}_states"] for name in WALKERS}
     rates = dict(zip(gaits.walker, gaits.stride_frequency_hz, strict=True))
     dt = float(rollouts["dt"])

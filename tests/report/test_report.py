@@ -223,7 +223,7 @@ def test_stage_without_opengl(
     log, output = SilentLog(), tmp_path / "report"
     output.mkdir()
     report.run(smoke_config, inputs, output, log)
-    names = {"paths", "time_series", "mse", "learning_curves", "filmstrip"}
+    names = {"paths", "time_series", "mse", "learning_curves", "filmstrip", "gait"}
     assert {path.stem for path in output.glob("*.png")} == names == {path.stem for path in output.glob("*.pdf")}
     assert not list(output.glob("*.mp4"))
     assert log.messages[0] == "no films, and stick figures for poses: no OpenGL here"
