@@ -13,6 +13,7 @@ from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
 
+from romgrl import draws
 from romgrl.config import MISSING, Config
 from romgrl.errors import ConfigurationError
 from romgrl.misfits import misfits
@@ -42,6 +43,7 @@ def register_schema() -> None:
     `read` holds the types: Hydra would stop at the first value that does not have its own.
     """
     guard()
+    draws.register()
     keys = OmegaConf.create()
     for name in schema_keys():
         OmegaConf.update(keys, name, MISSING)
