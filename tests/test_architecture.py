@@ -13,7 +13,7 @@ ROOT = Path(__file__).resolve().parents[1]
 SOURCES = sorted((ROOT / "romgrl").rglob("*.py"))
 LEARNING = {"algorithms", "networks", "buffers", "normalizer", "lanes", "limits"}
 WORLDS = {"rom", "humanoid"}
-WIRING = {"__main__", "command_line", "composition", "loading", "sweep", "config_docs", "targets"}
+WIRING = {"__main__", "command_line", "composition", "loading", "sweep", "config_docs", "targets", "draws"}
 BELOW_STAGES = (
     LEARNING
     | WORLDS
@@ -79,7 +79,8 @@ ALLOWED = {
         "workspace",
     },
     "worker": {"artifacts", "config", "errors", "interruption", "progress"},
-    "composition": {"config", "errors", "misfits", "targets", "validation"},
+    "composition": {"config", "draws", "errors", "misfits", "targets", "validation"},
+    "draws": set(),
     "loading": {"composition", "targets", "validation"},
     "command_line": {"composition", "errors", "loading", "validation"},
     "targets": set(),
