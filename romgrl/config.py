@@ -27,6 +27,7 @@ def key(
 
 
 STAGES = ("teacher", "reference", "student", "baseline", "evaluation", "report")
+OPTIONAL_STAGES = ("robustness",)  # made only when asked for by name; no stage reads them
 
 
 @dataclass
@@ -211,6 +212,25 @@ class Evaluation:
 
 
 @dataclass
+class Robustness:
+    """Fall rate of student and baseline under disturbances (`stage=robustness`), each at several levels."""
+
+    trials: int = key("trials of each walker at each level", low=1, high=100_000)
+    watch: float = key("a fall counts until this long after the disturbance began", unit="s", low=0.1, high=1000)
+    push_impulse: list[float] = key(
+        "horizontal impulses on the chest per body mass, each forward and backward", unit="N s/kg", low=0, high=10
+    )
+    push_duration: float = key(
+        "the impulse is spread over this time, rounded to control steps", unit="s", above=0, high=10
+    )
+    observation_noise: list[float] = key(
+        "Gaussian noise on what the policy sees, in standard deviations of each entry in training", low=0, high=100
+    )
+    mass: list[float] = key("mass and inertia of every segment, share of the humanoid's", low=0.1, high=10)
+    friction: list[float] = key("ground friction, share of the humanoid's", low=0.01, high=10)
+
+
+@dataclass
 class Tracking:
     """MLflow."""
 
@@ -233,7 +253,7 @@ class Config:
     stage: str = key(
         "last stage to run, with what it needs; sync: bring to MLflow what earlier jobs could not; verify: compare "
         "what is finished with the paper",
-        choices=("all", *STAGES, "sync", "verify"),
+        choices=("all", *STAGES, *OPTIONAL_STAGES, "sync", "verify"),
     )
     speed: float = key("target speed of student and baseline", unit="m/s", low=0, high=10)
     eta: float = key("weight of the task reward; 1 - eta weighs imitation", low=0, high=1)
@@ -253,5 +273,6 @@ class Config:
     student: Student = field(default_factory=Student)
     discriminator: Discriminator = field(default_factory=Discriminator)
     evaluation: Evaluation = field(default_factory=Evaluation)
+    robustness: Robustness = field(default_factory=Robustness)
     tracking: Tracking = field(default_factory=Tracking)
     paths: Paths = field(default_factory=Paths)

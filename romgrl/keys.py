@@ -44,6 +44,11 @@ STAGES: dict[str, Stage] = {
         ("teacher", "reference", "student", "baseline", "evaluation"),
         ("rom", "teacher", "evaluation", "humanoid", "student.alpha", "speed", "eta", "noise", "seed"),
     ),
+    "robustness": Stage(
+        "romgrl.stages.robustness:run",
+        ("teacher", "student", "baseline"),
+        ("robustness", "humanoid", "student.alpha", "speed", "seed"),
+    ),
 }
 LABELS = ("rom.name", "teacher.name", "humanoid.name", "student.name")  # say what was chosen, change nothing
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Iterator
+from itertools import pairwise
 
 from romgrl.config import Config
 from romgrl.errors import ConfigurationError
@@ -49,6 +50,14 @@ def ranges(config: Config) -> Iterator[str]:
     if max(config.rom.reset_hip_angle) > config.rom.hip_angle_limit:
         permitted = f"at most rom.hip_angle_limit = {config.rom.hip_angle_limit:g} rad"
         yield refusal("rom.reset_hip_angle", config.rom.reset_hip_angle, permitted)
+
+
+def levels(config: Config) -> Iterator[str]:
+    """The levels of a disturbance rise, so that each is there once."""
+    for key in LEVELS:
+        value = value_of(config, key)
+        if any(one >= other for one, other in pairwise(value)):
+            yield refusal(key, value, "numbers in rising order")
 
 
 def at_most(key: str, bound: str) -> tuple[tuple[str, str], Callable[[Config], Iterator[str]]]:
@@ -173,12 +182,15 @@ def cuda_available() -> bool:
 
 
 RANGES = ("rom.reset_hip_angle", "rom.reset_speed", "humanoid.reset_speed", "rom.hip_angle_limit")
+LEVELS = ("robustness.push_impulse", "robustness.observation_noise", "robustness.mass", "robustness.friction")
 REPLAY = ("student.buffer_size", "student.num_envs", "student.learning_starts", "student.updates_per_step")
 REFERENCE = ("reference.steps", "reference.episodes")
 JUDGE = ("discriminator.name", "discriminator.window", "discriminator.held_out", "student.mirror")
 SPRINGS = ("humanoid.mass", "humanoid.xml", "humanoid.control_frequency")
 CHECKS: tuple[tuple[tuple[str, ...], Callable[[Config], Iterator[str]]], ...] = (
     (RANGES, ranges),
+    (LEVELS, levels),
+    at_most("robustness.push_duration", "robustness.watch"),
     at_most("student.batch_size", "student.buffer_size"),
     at_most("student.learning_starts", "student.total_steps"),
     at_most("evaluation.window", "evaluation.steps"),

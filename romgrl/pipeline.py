@@ -12,6 +12,7 @@ from queue import SimpleQueue
 from rich.console import Console
 
 from romgrl import interruption
+from romgrl.config import STAGES as PIPELINE
 from romgrl.config import Config
 from romgrl.job import Job
 from romgrl.journal import redacted
@@ -19,7 +20,7 @@ from romgrl.keys import STAGES, plan, share_threads
 from romgrl.misfits import validate
 from romgrl.progress import make_bars
 from romgrl.recorder import open_recorder, sync, ui_command
-from romgrl.summary import result_metrics, result_tables
+from romgrl.summary import result_metrics, result_tables, robustness_metrics
 from romgrl.worker import Worker, execute
 
 WIDEST_TABLE = 150  # columns; wider than many terminals, so that no verdict is cut off
@@ -55,6 +56,8 @@ def run(
         job.record_reuse()
         if "evaluation" in job.finished:
             tracked.metrics(result_metrics(job.finished["evaluation"]), 0)
+        if "robustness" in job.finished:
+            tracked.metrics(robustness_metrics(job.finished["robustness"]), 0)
         status = "FINISHED"
     except KeyboardInterrupt:
         status = "KILLED"
@@ -106,7 +109,7 @@ def available_cores() -> int:
 def run_stages(job: Job) -> None:
     """Make what is missing: in this process one after the other, or in two where stages can run side by side."""
     config = job.config
-    stages = plan(STAGES if config.stage == "all" else [config.stage], job.present)
+    stages = plan(PIPELINE if config.stage == "all" else [config.stage], job.present)
     threads = dict.fromkeys(stages, config.threads)
     if config.parallel_stages and config.threads >= WORKERS:
         threads |= share_threads([stage for stage in stages if not job.present(stage)], config.threads)

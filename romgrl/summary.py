@@ -13,6 +13,8 @@ ALIGNMENTS = ("aligned", "raw")
 LABELS = {"mse.csv": ("channel", "alignment"), "distances.csv": ("distance", "channel"), "gait.csv": ("walker",)}
 ALL = "all"
 MEASURED = ("baseline", "student", "teacher_floor", "baseline_p", "student_p")
+GROWING = ("push_forward", "push_backward", "observation_noise")
+HALF = 0.5
 SHOWN = ("baseline", "student", "reduction_percent")
 
 
@@ -36,6 +38,22 @@ def result_metrics(evaluation: Path) -> dict[str, float]:
             prefix = "/".join(row.pop(column) for column in names)
             metrics |= {f"{prefix}/{column}": number(cell) for column, cell in row.items() if column != "unit"}
     return {name: value for name, value in metrics.items() if math.isfinite(value)}
+
+
+def robustness_metrics(robustness: Path) -> dict[str, float]:
+    """Fall rates as push_forward/0.3/student/fall_rate and so on, and the highest level of a disturbance that grows from
+    0 that half of the trials survive, it and all below it: push_forward/student/survived."""
+    metrics: dict[str, float] = {}
+    lost: set[str] = set()
+    for row in read_rows(robustness / "robustness.csv"):  # levels rise
+        level, rate = number(row["level"]), number(row["fall_rate"])
+        metrics[f"{row['perturbation']}/{level:g}/{row['walker']}/fall_rate"] = rate
+        name = f"{row['perturbation']}/{row['walker']}/survived"
+        if row["perturbation"] in GROWING and rate >= HALF:
+            lost.add(name)
+        elif row["perturbation"] in GROWING and name not in lost:
+            metrics[name] = level
+    return metrics
 
 
 def read_rows(path: Path) -> Rows:

@@ -24,6 +24,7 @@ Float32 = NDArray[np.float32]
 Rows = NDArray[np.int64]
 Step = tuple[Float32, Float32, NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]
 
+PUSHED_BODY = "Chest"
 _METADATA = {"autoreset_mode": AutoresetMode.SAME_STEP, "render_modes": ["rgb_array"]}
 
 
@@ -82,7 +83,8 @@ class PlanarHumanoidVectorEnv(VectorEnv[Float32, Float32, Any]):
         """Live views of the states of all simulations."""
         self._batch = Batch(self.model, self.num_envs, num_threads)
         self._qpos, self._qvel = self._batch.bind("qpos"), self._batch.bind("qvel")
-        self._controls = self._batch.bind("ctrl")
+        self._controls, self._forces = self._batch.bind("ctrl"), self._batch.bind("xfrc_applied")
+        self._pushed = self.model.body(PUSHED_BODY).id
         self._warnings = self._batch.warning[..., 1]
         self._rest = self._batch.state[0].copy()
 
@@ -137,6 +139,10 @@ class PlanarHumanoidVectorEnv(VectorEnv[Float32, Float32, Any]):
         self._qpos[rows], self._qvel[rows] = qpos, qvel
         self._warnings[rows] = 0
         self._elapsed[rows] = 0
+
+    def push(self, force: NDArray[np.float64]) -> None:
+        """From now on, forward forces (N,), in newtons, act on the chest's centre of mass; a restarted row has none."""
+        self._forces[:, self._pushed, 0] = force
 
     def states(self) -> NDArray[np.float64]:
         """Physics states (N, 48): qpos and qvel, for films and for `set_states`."""

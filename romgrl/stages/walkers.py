@@ -48,15 +48,15 @@ def humanoid_model(config: Config) -> Any:
 
 
 def humanoid_env(
-    config: Config, *, num_envs: int, episode_steps: int | None = None, compact: bool = False
+    config: Config, *, num_envs: int, episode_steps: int | None = None, compact: bool = False, body: Any = None
 ) -> PlanarHumanoidVectorEnv:
     """The humanoid of the configuration, `num_envs` times; episode_steps: None for the configuration's.
 
-    `compact`: observations without the columns that are constant in the plane.
+    `compact`: observations without the columns that are constant in the plane; `body`: another model in its place.
     """
     humanoid = config.humanoid
     return PlanarHumanoidVectorEnv(
-        model=humanoid_model(config),
+        model=humanoid_model(config) if body is None else body,
         num_envs=num_envs,
         compact=compact,
         speed=config.speed,

@@ -1,0 +1,44 @@
+"""Fall rate under disturbances. Student blue, baseline orange."""
+
+from __future__ import annotations
+
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import PercentFormatter
+
+from romgrl.report.style import COLORS, INK, LABELS, dress, new_figure
+
+TITLES = {
+    "push_forward": ("push forward", "impulse per body mass [N s/kg]"),
+    "push_backward": ("push backward", "impulse per body mass [N s/kg]"),
+    "observation_noise": ("observation noise", "standard deviations of each entry"),
+    "mass": ("body mass", "share of the trained mass"),
+    "friction": ("ground friction", "share of the trained friction"),
+}
+
+
+def fall_rates(table: pd.DataFrame, speed: float) -> Figure:
+    """Fall rate of each walker against the level of each disturbance, with its 95% interval as a band.
+
+    table: robustness.csv.
+    """
+    figure = new_figure(10.0, 6.0)
+    plots = list(figure.subplots(2, 3, sharey=True).flat)
+    for axes, (name, (title, label)) in zip(plots, TITLES.items(), strict=False):
+        dress(axes, title=title, xlabel=label, ylabel="fall rate" if axes.get_subplotspec().is_first_col() else "")
+        _curves(axes, table[table.perturbation == name])
+        axes.set_ylim(-0.03, 1.03)
+        axes.yaxis.set_major_formatter(PercentFormatter(1.0))
+    plots[-1].axis("off")
+    plots[-1].legend(*plots[0].get_legend_handles_labels(), loc="center", frameon=False, fontsize=10)
+    trials = f"{table.trials.iloc[0]} trials per point, bands: 95% intervals"
+    figure.suptitle(f"Falls under disturbances at {speed:g} m/s ({trials})", fontsize=12, x=0.01, ha="left", color=INK)
+    return figure
+
+
+def _curves(axes: Axes, rows: pd.DataFrame) -> None:
+    for walker in ("baseline", "student"):
+        own = rows[rows.walker == walker].sort_values("level")
+        axes.fill_between(own.level, own.low, own.high, color=COLORS[walker], alpha=0.18, linewidth=0)
+        axes.plot(own.level, own.fall_rate, color=COLORS[walker], linewidth=1.6, marker="o", ms=3, label=LABELS[walker])
