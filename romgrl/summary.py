@@ -41,8 +41,8 @@ def result_metrics(evaluation: Path) -> dict[str, float]:
 
 
 def robustness_metrics(robustness: Path) -> dict[str, float]:
-    """Fall rates as push_forward/0.3/student/fall_rate and so on, and the highest level of a disturbance that grows from
-    0 that half of the trials survive, it and all below it: push_forward/student/survived."""
+    """Fall rates as push_forward/0.3/student/fall_rate and so on, and push_forward/student/survived: the highest level
+    at which, as at all levels below it, less than half of the trials fall, where there is one."""
     metrics: dict[str, float] = {}
     lost: set[str] = set()
     for row in read_rows(robustness / "robustness.csv"):  # levels rise
