@@ -6,7 +6,7 @@ import csv
 import io
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +17,10 @@ from rich.console import Console
 
 from romgrl import pipeline, worker
 from romgrl.artifacts import load_arrays, load_tensors, open_artifact
-from romgrl.config import STAGES, Config
+from romgrl.config import OPTIONAL_STAGES, STAGES, Config
 from romgrl.humanoid import model
 from romgrl.keys import LABELS, stage_settings
+from romgrl.keys import STAGES as STAGE_GRAPH
 from romgrl.recorder import default_uri
 from romgrl.validation import schema_keys
 from tests.conftest import Composer
@@ -42,7 +43,7 @@ class Reads:
 
     def __init__(self) -> None:
         self.stage: str | None = None
-        self.keys: dict[str, set[str]] = {stage: set() for stage in STAGES}
+        self.keys: dict[str, set[str]] = {stage: set() for stage in STAGES + OPTIONAL_STAGES}
 
     def install(self, monkeypatch: pytest.MonkeyPatch) -> None:
         """Watch the attributes of the schema's classes while a stage function runs."""
@@ -204,3 +205,17 @@ def test_second_run_makes_nothing(smoke: dict[str, Any]) -> None:
     finished = pipeline.run(smoke["config"], console=console)
     assert {path: path.stat().st_mtime_ns for path in finished.values()} == before
     assert console.file.getvalue().count(": reused; it took") == len(STAGES)
+
+
+@pytest.mark.parametrize("stage", OPTIONAL_STAGES)
+def test_a_stage_that_is_asked_for_by_name(smoke: dict[str, Any], stage: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It takes what the pipeline has made, is no part of `stage=all`, and reads only keys that are in its key."""
+    assert stage not in smoke["finished"]
+    config, reads, console = replace(smoke["config"], stage=stage), Reads(), Console(file=io.StringIO(), width=120)
+    reads.install(monkeypatch)
+    finished = pipeline.run(config, console=console)
+    assert set(finished) == {stage, *STAGE_GRAPH[stage].upstream}
+    assert console.file.getvalue().count(": reused; it took") == len(finished) - 1
+    assert reads.keys[stage]
+    assert reads.keys[stage] <= set(stage_settings(stage, config)) | FREE
+    open_artifact(finished[stage], stage=stage)

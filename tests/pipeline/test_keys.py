@@ -12,7 +12,7 @@ from romgrl.keys import STAGES, stage_key
 from tests.conftest import Composer
 
 ALL = set(STAGES)
-STUDENT = {"student", "evaluation", "report"}
+STUDENT = {"student", "evaluation", "report", "robustness"}
 BOTH = STUDENT | {"baseline"}
 TABLE = {
     "speed=3": BOTH,
@@ -30,6 +30,7 @@ TABLE = {
     "teacher.speed=3": ALL - {"baseline"},
     "reference.steps=1000": ALL - {"baseline", "teacher"},
     "evaluation.episodes=8": {"evaluation", "report"},
+    "robustness.trials=8": {"robustness"},
     "seed=1": ALL,
     "device=cuda": ALL,
     "threads=1": set(),
