@@ -7,6 +7,7 @@ import json
 import os
 import signal
 import sys
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, replace
@@ -18,6 +19,7 @@ from rich.console import Console
 from romgrl import interruption, pipeline
 from romgrl.config import Config
 from romgrl.errors import LaunchError, RomgrlError
+from romgrl.results.sweeps import JobEnd, note_end
 
 PARENT_VARIABLE = "ROMGRL_PARENT_RUN"
 LAUNCH_VARIABLE = "ROMGRL_LAUNCH"
@@ -106,20 +108,35 @@ class Labelled(io.StringIO):
 
 def run_job(config: Config, overrides: Sequence[str]) -> None:
     """Run a job, named by its overrides. Raises RomgrlError; where a launcher put it, that is left with the sweep."""
-    name = " ".join(text for text in overrides if not text.lstrip("+").startswith("hydra")) or "job"
+    own = [text for text in overrides if not text.lstrip("+").startswith("hydra")]
+    name = " ".join(own) or "job"
     launch, parent = announced(), os.environ.get(PARENT_VARIABLE)
     if launch is None:
-        pipeline.run(config, name=name, parent=parent)
+        run_noted(own, lambda: pipeline.run(config, name=name, parent=parent))
         return
     label = launch.label(name)
     console = Console(file=Labelled(sys.stdout, label), width=160)
     shared = replace(config, threads=config.threads or max(1, pipeline.available_cores() // launch.at_once))
     try:
-        run_launched(launch, lambda: pipeline.run(shared, name=name, parent=parent, console=console))
+        run_launched(
+            launch, lambda: run_noted(own, lambda: pipeline.run(shared, name=name, parent=parent, console=console))
+        )
     except RomgrlError as error:
         launch.leave(f"[{label}] {error}", error.exit_code)
     except interruption.Interrupted as error:
         launch.leave(f"[{label}] {error}", error.exit_code)
+
+
+def run_noted(overrides: list[str], run: Callable[[], dict[str, Path]]) -> None:
+    """Run a job and write down for its sweep how it ended; what it raised goes on."""
+    start = time.monotonic()
+    try:
+        artifacts = {stage: str(path) for stage, path in run().items()}
+    except (RomgrlError, KeyboardInterrupt) as error:
+        why = str(error) if isinstance(error, RomgrlError) else "interrupted"
+        note_end(JobEnd(overrides, error=why, seconds=time.monotonic() - start))
+        raise
+    note_end(JobEnd(overrides, artifacts, seconds=time.monotonic() - start))
 
 
 def run_launched(launch: Launch, run: Callable[[], object]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import platform
 import subprocess
 from importlib.metadata import PackageNotFoundError, version
@@ -29,6 +30,19 @@ def computing_versions() -> dict[str, str]:
     found = versions()
     found["python"] = found["python"].rpartition(".")[0]
     return {name: found[name] for name in COMPUTING}
+
+
+def machine() -> dict[str, str | int]:
+    """The processor and the cores of this machine, without its name."""
+    return {"processor": processor(), "cores": os.cpu_count() or 1, "system": platform.system()}
+
+
+def processor() -> str:
+    """Model of the processor, as /proc/cpuinfo has it where there is one."""
+    path = Path("/proc/cpuinfo")
+    lines = path.read_text(errors="replace").splitlines() if path.is_file() else []
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.processor() or platform.machine()
 
 
 def git_state() -> tuple[str | None, bool | None]:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import atexit
 import os
+import shlex
 import signal
 import sys
+import time
 from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
@@ -13,17 +15,25 @@ from shutil import which
 from types import FrameType
 from typing import Any
 
+from hydra.core.config_loader import ConfigLoader
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.experimental.callback import Callback
-from omegaconf import DictConfig
+from hydra.types import RunMode
+from omegaconf import DictConfig, OmegaConf
 
-from romgrl.errors import ConfigurationError
+from romgrl.errors import ConfigurationError, RomgrlError
 from romgrl.interruption import SIGNALS
+from romgrl.journal import redacted
 from romgrl.launch import LAUNCH_VARIABLE, PARENT_VARIABLE, SHARES_TERMINAL, Launch
 from romgrl.loading import stored_sweep, sweep_jobs
 from romgrl.pipeline import available_cores
+from romgrl.provenance import machine
 from romgrl.recorder import open_recorder
+from romgrl.results.sweeps import SWEEP_VARIABLE, read_sweep, write_sweep
+
+BUDGETS = ("teacher.total_steps", "student.total_steps")
+NO_RESULTS = ("sync", "verify")
 
 
 def check_launcher(config: DictConfig) -> None:
@@ -57,6 +67,20 @@ def joblib_processes(n_jobs: int) -> int:
     return n_jobs if n_jobs > 0 else available_cores() + 1 + n_jobs
 
 
+def note_sweep(directory: Path, name: str, jobs: list[list[str]], loader: ConfigLoader) -> None:
+    """Write down what a sweep was asked for, where it runs, and the budgets of the default configuration."""
+    usual = loader.load_configuration("config", [], RunMode.RUN)
+    write_sweep(
+        directory,
+        name,
+        redacted(shlex.join(["python", "-m", "romgrl", *sys.argv[1:]])),
+        [[redacted(text) for text in job] for job in jobs],
+        machine=machine() | {"cores_used": available_cores()},
+        started=time.time(),
+        usual={key: int(OmegaConf.select(usual, key)) for key in BUDGETS},
+    )
+
+
 class SweepCallback(Callback):
     """Opens the parent run at the start of `-m` and closes it at the end; jobs find its id in the environment."""
 
@@ -76,8 +100,13 @@ class SweepCallback(Callback):
         self._recorder = open_recorder(tracking.uri, str(tracking.experiment), outputs, enabled=tracking.enabled)
         overrides = [*config.hydra.overrides.task]
         name = "sweep " + " ".join(overrides) if overrides else f"sweep {config.hydra.job.config_name}"
-        jobs = len(sweep_jobs([*stored_sweep(config), *overrides], GlobalHydra.instance().config_loader()))
+        loader = GlobalHydra.instance().config_loader()
+        planned = sweep_jobs([*stored_sweep(config), *overrides], loader)
+        jobs = len(planned)
         self._run = self._recorder.start(name, tags={"stage": "sweep"}, params={"jobs": jobs})
+        self._outputs, self._directory = outputs, Path(str(config.hydra.sweep.dir)).absolute()
+        if config.stage not in NO_RESULTS:
+            note_sweep(self._directory, str(config.hydra.job.config_name), planned, loader)
         atexit.register(self._end, "KILLED")
         os.environ[PARENT_VARIABLE] = self._run.local_id if tracking.enabled else ""
         self._launch, self._signals = plan_launch(config, jobs), Signals()
@@ -98,6 +127,8 @@ class SweepCallback(Callback):
         failures = self._launch.failures() if self._launch is not None else []
         if self._launch is not None and self._launch.launcher != SHARES_TERMINAL:
             print("".join(f"{text}\n" for text, _ in failures), end="", file=sys.stderr)
+        if os.environ.pop(SWEEP_VARIABLE, None) is not None and self._signals.first is None:
+            self._join()
         self._end("KILLED" if self._signals.first is not None else "FINISHED")
         os.environ.pop(PARENT_VARIABLE, None)
         os.environ.pop(LAUNCH_VARIABLE, None)
@@ -105,6 +136,18 @@ class SweepCallback(Callback):
             sys.exit(128 + self._signals.first)
         if failures:
             sys.exit(failures[0][1])
+
+    def _join(self) -> None:
+        """Tables and figures of all jobs, for the parent run; a sweep has not failed where they cannot be made."""
+        from romgrl.results.joint import write_joint  # takes a second to import
+
+        try:
+            directory = write_joint(read_sweep(self._directory), self._outputs)
+        except (RomgrlError, OSError) as error:
+            print(f"sweep: no tables and figures: {error}", file=sys.stderr)
+            return
+        self._run.artifacts(directory)
+        print(f"sweep: tables and figures of all jobs: {directory}", flush=True)
 
     def _end(self, status: str) -> None:
         atexit.unregister(self._end)

@@ -19,6 +19,7 @@ from romgrl.validation import show
 
 LINEAGE = tuple(stage for stage in STAGES if stage in upstream_of("evaluation") | {"evaluation"})
 SHOWN_DIFFERENCES = 3
+TEACHER = "trained_teacher"  # the check that ends its training; `teacher` is what the reference has of it
 
 Catalogue = dict[str, dict[str, list[Manifest]]]  # stage -> digest -> manifests of artifacts with that content
 Settings = dict[str, Any]
@@ -61,8 +62,11 @@ def evaluations(outputs: Path) -> tuple[list[Evaluation], dict[Path, str]]:
 def read_evaluation(directory: Path, known: Catalogue) -> Evaluation:
     """Verify an evaluation and read its numbers. Raises ArtifactError."""
     manifest = open_artifact(directory, stage="evaluation")
-    numbers = result_metrics(directory)
-    return Evaluation(directory, manifest, trace(manifest, known), numbers | derived(numbers))
+    numbers, lineage = result_metrics(directory), trace(manifest, known)
+    for teacher in lineage.get("teacher", [])[:1]:
+        own = result_metrics(directory.parent.with_name("teacher") / teacher.key)
+        numbers |= {f"{TEACHER}/{name.partition('/')[2]}": value for name, value in own.items()}
+    return Evaluation(directory, manifest, lineage, numbers | derived(numbers))
 
 
 def derived(numbers: Mapping[str, float]) -> dict[str, float]:

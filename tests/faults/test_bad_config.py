@@ -123,7 +123,7 @@ GOOD_FORMS = (
     ["rom=free_trunk", "teacher=ppo_paper"], ["discriminator=none", "discriminator.window=32"], ["hydra.run.dir=."],
     ["threads=4", "stage=teacher"], ["-m", "speed=1,4", "eta=0.3,0.5"], ["-m", "rom=glob(*)"],
     ["speed=range(1,4)", "-m"], [f"--config-dir={ROOT}/sweeps", "--config-name=paper"],
-    [f"--config-dir={ROOT}/sweeps", "--config-name=ablation"],
+    [f"--config-dir={ROOT}/sweeps", "--config-name=eta"],
 )  # fmt: skip
 
 

@@ -47,7 +47,7 @@ def test_every_choice_composes_and_is_valid(compose_config: Composer, choice: st
         assert section == name
 
 
-@pytest.mark.parametrize("name", ["paper", "ablation", "teacher"])
+@pytest.mark.parametrize("name", ["paper", "eta", "noise", "speed", "teacher"])
 def test_stored_sweeps_compose(name: str, compose_config: Composer) -> None:
     compose_config()
     with initialize_config_dir(str(CONF), version_base="1.3"):

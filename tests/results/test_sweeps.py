@@ -1,0 +1,155 @@
+"""The joint tables and figures of sweeps, from jobs with numbers of the test's own."""
+
+from __future__ import annotations
+
+import math
+import os
+from itertools import product
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from matplotlib.figure import Figure
+
+from romgrl.config import Config
+from romgrl.results import joint, statistics
+from romgrl.results.cells import cells_table, jobs_table, results
+from romgrl.results.joint import write_joint
+from romgrl.results.plots import figures
+from romgrl.results.sweeps import (
+    SWEEP_VARIABLE,
+    UNFINISHED,
+    JobEnd,
+    Sweep,
+    note_end,
+    read_sweep,
+    settings,
+    sweeps,
+    write_sweep,
+)
+from tests.results.chains import changed, finish
+
+
+@pytest.fixture(autouse=True)
+def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(statistics, "RESAMPLES", 999)
+    monkeypatch.setattr(joint, "draw", lambda *arguments: None)
+    monkeypatch.setenv(SWEEP_VARIABLE, "")
+
+
+def swept(outputs: Path, config: Config, values: dict[str, list[str]], fail: str = "none") -> Sweep:
+    """A sweep of finished jobs; the one with the overrides `fail` failed, and one that begins so did not end."""
+    jobs = [[f"{k}={v}" for k, v in zip(values, each, strict=True)] for each in product(*values.values())]
+    directory = outputs / "sweeps" / "2030-01-01"
+    usual = {"student.total_steps": float(config.student.total_steps)}
+    write_sweep(directory, "made", "python -m romgrl", jobs, machine={"cores": 2}, started=1.0, usual=usual)
+    for job in jobs:
+        own = changed(config, *job)
+        if " ".join(job) == fail:
+            note_end(JobEnd(job, error="student: loss = nan at step 7", seconds=3.0))
+        elif not " ".join(job).startswith(f"{fail} but lost"):
+            student = 0.01 + 0.02 * own.eta + 0.001 * own.seed
+            evaluation = finish(outputs, own, student=student, baseline=0.1 + 0.01 * own.seed)
+            note_end(JobEnd([*job, "threads=1"], {"evaluation": f"/elsewhere/evaluation/{evaluation.name}"}))
+    return read_sweep(directory)
+
+
+def test_a_row_per_cell_with_its_statistics(default_config: Config, tmp_path: Path) -> None:
+    sweep = swept(tmp_path, default_config, {"eta": ["0.3", "0.7"], "seed": ["0", "1", "2"]}, fail="eta=0.7 seed=1")
+    directory = write_joint(sweep, tmp_path)
+    jobs = pd.read_csv(directory / "jobs.csv")
+    assert jobs["seed"].tolist() == [0, 1, 2] * 2
+    assert jobs["ended"].tolist() == ["finished"] * 4 + ["student: loss = nan at step 7", "finished"]
+    assert jobs["training_minutes"].dropna().tolist() == [5.0] * 5  # five stages of a minute
+    cells = pd.read_csv(directory / "cells.csv").set_index(["eta", "number"])
+    error = cells.loc[(0.3, "average/aligned/student")]
+    assert (error["seeds"], error["without"]) == (3, 0)
+    assert error["mean"] == pytest.approx(0.017)
+    assert (error["low"], error["high"]) == pytest.approx((0.016, 0.018))  # all resamples alike: 1 in 27 each
+    assert error["improvement"] == 1.0  # every student below every baseline
+    assert math.isnan(error["note"]) if isinstance(error["note"], float) else error["note"] == ""
+    assert cells.loc[(0.7, "average/aligned/student"), "seeds"] == 2
+    text = (directory / "table.md").read_text()
+    assert "- eta=0.7 seed=1: student: loss = nan at step 7" in text
+    row = next(line for line in text.splitlines() if line.startswith("| 0.3 |"))
+    assert f"| {100 * (1 - (0.016 / 0.1 + 0.017 / 0.11 + 0.018 / 0.12) / 3):.3g} [" in row
+
+
+def test_two_keys_have_a_map_and_one_seed_is_told(default_config: Config, tmp_path: Path) -> None:
+    short = changed(default_config, "student.total_steps=1000")
+    sweep = swept(tmp_path, short, {"eta": ["0.3", "0.7"], "noise": ["0.05", "0.1"]})
+    directory = write_joint(Sweep(**(vars(sweep) | {"usual": {"student.total_steps": 2000}})), tmp_path)
+    cells = pd.read_csv(directory / "cells.csv")
+    assert set(cells["note"]) == {"one seed, short budget"}
+    assert cells["low"].isna().all()
+    assert (directory / "table.md").read_text().count("one seed, short budget") == 4
+    assert pd.read_csv(directory / "jobs.csv")["budget"].tolist() == ["student.total_steps 1000 of 2000"] * 4
+
+
+def test_jobs_that_were_lost_and_artifacts_that_are_damaged(default_config: Config, tmp_path: Path) -> None:
+    sweep = swept(tmp_path, default_config, {"seed": ["0", "1"]})
+    (tmp_path / "sweeps" / "2030-01-01" / "jobs.jsonl").write_text("")
+    directory = write_joint(read_sweep(sweep.directory), tmp_path)
+    assert (directory / "table.md").read_text().count(UNFINISHED) == 2
+    assert "No job has finished." in (directory / "table.md").read_text()
+    for path in tmp_path.glob("artifacts/evaluation/*/mse.csv"):
+        path.write_text("damaged\n")
+    directory = write_joint(sweep, tmp_path)
+    assert (directory / "table.md").read_text().count("SHA-256") == 2
+
+
+def test_a_job_that_ran_again_counts_as_it_ended_last(tmp_path: Path) -> None:
+    write_sweep(tmp_path, "made", "x", [["eta=0.3"], ["eta=0.5"]], machine={}, started=0.0, usual={})
+    note_end(JobEnd(["eta=0.3"], error="diverged"))
+    note_end(JobEnd(["eta=0.3"], {"teacher": "there"}))
+    sweep = read_sweep(tmp_path)
+    assert sweep.end_of(["eta=0.3"]).error is None
+    assert sweep.end_of(["eta=0.5"]).error == UNFINISHED
+    assert sweep.swept == ["eta"]
+    assert sweeps(tmp_path.parent) == []  # it is not under sweeps/
+    os.environ[SWEEP_VARIABLE] = ""
+    note_end(JobEnd(["eta=0.5"]))
+    assert len(read_sweep(tmp_path).ends) == 2
+
+
+def test_what_says_only_how_a_job_runs_tells_none_apart() -> None:
+    overrides = ["+eta=0.3", "threads=2", "paths.outputs=/x", "hydra/launcher=joblib", "tracking=none", "stage=all"]
+    assert settings(overrides) == {"eta": "0.3"}
+
+
+def drawn(sweep: Sweep, outputs: Path) -> dict[str, Figure]:
+    """The figures of a sweep, laid out but not saved."""
+    found = results(sweep, outputs)
+    return figures(cells_table(found), jobs_table(found), sweep.title)
+
+
+def test_points_intervals_and_seeds_of_a_figure(default_config: Config, tmp_path: Path) -> None:
+    sweep = swept(tmp_path, default_config, {"eta": ["0.7", "0.3"], "seed": ["0", "1", "2"]})
+    found = drawn(sweep, tmp_path)
+    assert set(found) == {"by_eta"}
+    axes = next(each for each in found["by_eta"].axes if each.get_title("left") == "aligned error, average [m²]")
+    student, *_ = axes.containers  # an errorbar: line, caps, bars
+    x, y = student.lines[0].get_data()
+    assert list(x) == [0.3, 0.7]
+    assert list(y) == pytest.approx([0.017, 0.025])
+    (bars,) = student.lines[2]
+    assert bars.get_segments()[0][:, 1] == pytest.approx([0.016, 0.018])
+    dots = [line for line in axes.lines if line.get_marker() == "o"][0]
+    assert sorted(dots.get_ydata())[:3] == pytest.approx([0.016, 0.017, 0.018])
+    assert "mean of 3 seeds" in found["by_eta"].get_suptitle()
+
+
+def test_two_keys_have_lines_and_a_map_and_many_have_points(default_config: Config, tmp_path: Path) -> None:
+    values = {"eta": ["0.3", "0.7"], "noise": ["0.05", "0.1", "0.2"]}
+    found = drawn(swept(tmp_path / "two", default_config, values), tmp_path / "two")
+    assert set(found) == {"by_eta", "by_noise", "map_eta_noise"}
+    assert len(found["by_eta"].axes[0].containers) == 3
+    grid = found["map_eta_noise"].axes[0].images[0].get_array()
+    assert grid.shape == (2, 3)
+    assert grid[:, 0] == pytest.approx([84.0, 76.0])  # 1 - 0.016 / 0.1 and 1 - 0.024 / 0.1
+    assert "one seed, no interval" in found["by_eta"].get_suptitle()
+    many = {"eta": ["0.3", "0.7"], "noise": [str(0.01 * (i + 1)) for i in range(7)]}
+    found = drawn(swept(tmp_path / "many", default_config, many), tmp_path / "many")
+    (points,) = found["by_eta"].axes[0].containers
+    assert len(points.lines[0].get_xdata()) == 14
+    assert "the 7 combinations of noise together" in found["by_eta"].get_suptitle()
