@@ -134,7 +134,7 @@ def test_points_intervals_and_seeds_of_a_figure(default_config: Config, tmp_path
     assert list(y) == pytest.approx([0.017, 0.025])
     (bars,) = student.lines[2]
     assert bars.get_segments()[0][:, 1] == pytest.approx([0.016, 0.018])
-    dots = [line for line in axes.lines if line.get_marker() == "o"][0]
+    dots = next(line for line in axes.lines if line.get_marker() == "o")
     assert sorted(dots.get_ydata())[:3] == pytest.approx([0.016, 0.017, 0.018])
     assert "mean of 3 seeds" in found["by_eta"].get_suptitle()
 
@@ -146,7 +146,7 @@ def test_two_keys_have_lines_and_a_map_and_many_have_points(default_config: Conf
     assert len(found["by_eta"].axes[0].containers) == 3
     grid = found["map_eta_noise"].axes[0].images[0].get_array()
     assert grid.shape == (2, 3)
-    assert grid[:, 0] == pytest.approx([84.0, 76.0])  # 1 - 0.016 / 0.1 and 1 - 0.024 / 0.1
+    assert grid[:, 0].tolist() == pytest.approx([84.0, 76.0])  # 1 - 0.016 / 0.1 and 1 - 0.024 / 0.1
     assert "one seed, no interval" in found["by_eta"].get_suptitle()
     many = {"eta": ["0.3", "0.7"], "noise": [str(0.01 * (i + 1)) for i in range(7)]}
     found = drawn(swept(tmp_path / "many", default_config, many), tmp_path / "many")
