@@ -46,6 +46,10 @@ class Loop:
     due: float = 0.0  # updates, less than one
     metrics: Metrics = field(default_factory=dict)
 
+    def numbers(self) -> dict[str, float]:
+        """The metrics, sorted as a checkpoint has them: a resumed training goes on with the same columns."""
+        return {name: float(self.metrics[name]) for name in sorted(self.metrics)}
+
     def state(self) -> State:
         """Everything that `restore` needs."""
         return dict(vars(self))
@@ -234,8 +238,7 @@ def train(
             loop.metrics |= judged()
             done = step + env.num_envs
             if done % LOG_INTERVAL < env.num_envs or done >= student.total_steps:
-                # sorted, as a checkpoint has them: a resumed training goes on with the same columns
-                values = {name: float(loop.metrics[name]) for name in sorted(loop.metrics)} | tally.take()
+                values = loop.numbers() | tally.take()
                 log.metrics(values | learner.counts(), done)
                 log.progress(done, student.total_steps, speed=values["speed"], episode=values["episode_seconds"])
             if learner.just_stopped():
