@@ -23,6 +23,7 @@ class Batch:
     task_reward: Tensor  # (B,)
     terminated: Tensor  # (B,) 1 where the episode ended in a fall
     frames: Tensor  # (B, frame_size) window of gait features after the step
+    imitation_reward: Tensor  # (B,) as stored when the step was taken
 
     def split(self, parts: int) -> list[Batch]:
         """Cut into `parts` batches of equal size (views, no copies)."""
@@ -60,6 +61,7 @@ class ReplayBuffer:
         self.action = torch.zeros((*shape, action_size), device=device)
         self.frames = torch.zeros((*shape, frame_size), device=device)
         self.task_reward = torch.zeros(shape, device=device)
+        self.imitation_reward = torch.zeros(shape, device=device)
         self.terminated = torch.zeros(shape, device=device)
         self.truncated = torch.zeros(shape, dtype=torch.bool, device=device)
         self.mirrors = (mirror_observation, mirror_action, mirror_frames)
@@ -79,6 +81,7 @@ class ReplayBuffer:
         terminated: Tensor,
         truncated: Tensor,
         frames: Tensor,
+        imitation_reward: Tensor | float = 0.0,
     ) -> None:
         """Store one step of all environments; `next_observation` is the one after any reset."""
         row = self.added % self.rows
@@ -88,6 +91,7 @@ class ReplayBuffer:
         self.terminated[row] = terminated
         self.truncated[row] = truncated
         self.frames[row] = frames
+        self.imitation_reward[row] = imitation_reward
         self.observation[(row + 1) % self.rows] = next_observation
         self.added += 1
 
@@ -102,6 +106,7 @@ class ReplayBuffer:
             task_reward=_rows(self.task_reward, index),
             terminated=_rows(self.terminated, index),
             frames=_rows(self.frames, index),
+            imitation_reward=_rows(self.imitation_reward, index),
         )
         observation, action, frames = self.mirrors
         _mirror_half(batch.observation, observation)
@@ -148,6 +153,7 @@ class ReplayBuffer:
             "action": self.action,
             "frames": self.frames,
             "task_reward": self.task_reward,
+            "imitation_reward": self.imitation_reward,
             "terminated": self.terminated,
             "truncated": self.truncated,
         }

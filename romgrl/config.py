@@ -178,8 +178,21 @@ class Discriminator:
     """Adversarial judge of the gait (paper section 3.3)."""
 
     name: str = key("name of the discriminator; none: no imitation", choices=("paper", "tuned", "none"))
-    features: str = key("paper: the five; trunk: the five and the trunk inclination", choices=("paper", "trunk"))
-    window: int = key("consecutive frames judged together", low=1, high=32)
+    features: str = key(
+        "what a frame holds, paper: the five; trunk: the trunk inclination as well; velocities: the five and their "
+        "velocities; trunk_velocities: all of these",
+        choices=("paper", "trunk", "velocities", "trunk_velocities"),
+    )
+    window: int = key("frames judged together", low=1, high=32)
+    stride: int = key("control steps from one frame of a window to the next", low=1, high=32)
+    loss: str = key(
+        "bce: cross-entropy; least_squares: as AMP; wasserstein: a critic as WGAN-GP; each with its own reward",
+        choices=("bce", "least_squares", "wasserstein"),
+    )
+    reward: str = key(
+        "recomputed: by the current discriminator whenever a transition is drawn; stored: by the one of its time",
+        choices=("recomputed", "stored"),
+    )
     trunk_std: float = key(
         "spread of the trunk inclination in the reference stream (0 for the ROM)", unit="rad", low=0, high=10
     )
@@ -187,7 +200,12 @@ class Discriminator:
     dropout: float = key("dropout after each hidden layer", low=0, high=0.9)
     learning_rate: float = key("Adam learning rate", above=0, high=1)
     gradient_penalty: float = key("weight of the gradient penalty", low=0, high=1e6)
-    label_smoothing: float = key("labels are 1 - this and this", low=0, high=0.49)
+    penalty_on: str = key(
+        "where the gradient penalty is taken, interpolates: of both streams, aim 1; with aim 0 on the reference "
+        "(as AMP) or on both streams",
+        choices=("interpolates", "reference", "both"),
+    )
+    label_smoothing: float = key("labels of bce are 1 - this and this", low=0, high=0.49)
     update_interval: int = key("critic updates per discriminator update", low=1, high=10**6)
     batch_size: int = key("windows of each stream per update", low=1, high=10**7)
     recent_steps: int | None = key(

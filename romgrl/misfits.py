@@ -111,17 +111,27 @@ def scored_window(config: Config) -> Iterator[str]:
 
 def judged_windows(config: Config) -> Iterator[str]:
     """The reference has windows for the discriminator, some to learn from and one to be held out at least."""
+    from romgrl.gait.windows import WindowLayout
+
     judge, episodes = config.discriminator, reference_episodes(config)
     if judge.name == "none":
         return
-    if judge.window > episodes[0]:
-        permitted = f"at most reference.steps / reference.episodes = {episodes[0]}"
+    span = WindowLayout(judge.features, judge.window, judge.stride).span
+    if span > episodes[0]:
+        permitted = f"windows of at most reference.steps / reference.episodes = {episodes[0]} control steps, not {span}"
         yield refusal("discriminator.window", judge.window, permitted)
         return
-    windows = sum(max(0, steps - judge.window + 1) for steps in episodes) * (2 if config.student.mirror else 1)
+    windows = sum(max(0, steps - span + 1) for steps in episodes) * (2 if config.student.mirror else 1)
     if max(1, round(windows * (1 - judge.held_out))) >= windows:
         permitted = f"a share of the reference's {windows} windows that holds at least one"
         yield refusal("discriminator.held_out", judge.held_out, permitted)
+
+
+def critic(config: Config) -> Iterator[str]:
+    """Nothing but the penalty keeps a Wasserstein critic from growing without end."""
+    judge = config.discriminator
+    if judge.name != "none" and judge.loss == "wasserstein" and judge.gradient_penalty == 0:
+        yield refusal("discriminator.gradient_penalty", 0, "more than 0 with discriminator.loss=wasserstein")
 
 
 def springs(config: Config) -> Iterator[str]:
@@ -185,7 +195,9 @@ RANGES = ("rom.reset_hip_angle", "rom.reset_speed", "humanoid.reset_speed", "rom
 LEVELS = ("robustness.push_impulse", "robustness.observation_noise", "robustness.mass", "robustness.friction")
 REPLAY = ("student.buffer_size", "student.num_envs", "student.learning_starts", "student.updates_per_step")
 REFERENCE = ("reference.steps", "reference.episodes")
-JUDGE = ("discriminator.name", "discriminator.window", "discriminator.held_out", "student.mirror")
+JUDGED = ("discriminator.features", "discriminator.window", "discriminator.stride")
+JUDGE = ("discriminator.name", *JUDGED, "discriminator.held_out", "student.mirror")
+CRITIC = ("discriminator.name", "discriminator.loss", "discriminator.gradient_penalty")
 SPRINGS = ("humanoid.mass", "humanoid.xml", "humanoid.control_frequency")
 CHECKS: tuple[tuple[tuple[str, ...], Callable[[Config], Iterator[str]]], ...] = (
     (RANGES, ranges),
@@ -200,6 +212,7 @@ CHECKS: tuple[tuple[tuple[str, ...], Callable[[Config], Iterator[str]]], ...] = 
     (REPLAY, replay),
     ((*REFERENCE, "evaluation.window"), scored_window),
     ((*REFERENCE, *JUDGE), judged_windows),
+    (CRITIC, critic),
     ((*(key for key in schema_keys() if key.startswith("rom.")), *SPRINGS), springs),
     (("humanoid.name", "humanoid.xml", "humanoid.actuation"), humanoid_file),
     (("paths.outputs",), outputs_directory),

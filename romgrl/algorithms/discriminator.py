@@ -2,43 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import torch
 from torch import Tensor, nn
-from torch.nn import functional as F
 
+from romgrl.algorithms.adversarial import (
+    LOSSES,
+    decision_threshold,
+    imitation_reward,
+    interpolate_penalty,
+    zero_penalty,
+)
 from romgrl.algorithms.state import optimizer_state, put_all, restore_optimizer
 from romgrl.limits import check
-
-
-def discriminator_loss(real_logits: Tensor, fake_logits: Tensor, label_smoothing: float) -> Tensor:
-    """Binary cross-entropy of both streams with labels 1 - smoothing and smoothing, summed as in the paper's L_D."""
-    real = F.binary_cross_entropy_with_logits(real_logits, torch.full_like(real_logits, 1 - label_smoothing))
-    fake = F.binary_cross_entropy_with_logits(fake_logits, torch.full_like(fake_logits, label_smoothing))
-    loss: Tensor = real + fake
-    return loss
-
-
-def gradient_penalty(logits: Callable[[Tensor], Tensor], real: Tensor, fake: Tensor, mix: Tensor) -> Tensor:
-    """E (|grad_x logit(x)| - 1)^2 on x = mix real + (1 - mix) fake (WGAN-GP); mix is (B, 1) in [0, 1]."""
-    between = (mix * real + (1 - mix) * fake).requires_grad_()
-    (gradient,) = torch.autograd.grad(logits(between).sum(), between, create_graph=True)
-    penalty: Tensor = (gradient.norm(dim=-1) - 1).square().mean()
-    return penalty
-
-
-def imitation_reward(logits: Tensor, limit: float | None) -> Tensor:
-    """r_im = -log(1 - D) = softplus(logit), at most `limit`."""
-    return F.softplus(logits).clamp(max=limit) if limit is not None else F.softplus(logits)
 
 
 class Discriminator:
     """Judge of windows of gait features, (B, frame_size) -> logit (B,).
 
     `reference` holds the windows of the teacher, (N, frame_size); the last `held_out` share of it validates.
-    `noise` is the standard deviation of the Gaussian noise on both streams while training, in feature units.
+    `noise` is the standard deviation of the Gaussian noise on both streams while training, in feature units. `loss` is
+    a key of LOSSES; `penalty_on` says where the gradient penalty is taken: "interpolates" of both streams, with norm 1
+    as its aim, or with aim 0 on the "reference" or on "both" streams.
     """
 
     def __init__(
@@ -56,6 +43,8 @@ class Discriminator:
         patience: int | None,
         standardize: bool,
         seed: int,
+        loss: str = "bce",
+        penalty_on: str = "interpolates",
         device: str = "cpu",
     ) -> None:
         torch.manual_seed(seed)
@@ -74,6 +63,8 @@ class Discriminator:
         self.optimizer = torch.optim.Adam(self.network.parameters(), lr=learning_rate, fused=True)
         self.penalty_weight, self.label_smoothing, self.noise = penalty_weight, label_smoothing, noise
         self.reward_limit, self.patience = reward_limit, patience
+        self.loss, self.penalty_on = loss, penalty_on
+        self.level = torch.zeros((), device=device)  # mean logit of the held-out windows
         self.best_validation = torch.tensor(float("inf"), device=device)
         self.stale_updates = torch.zeros((), dtype=torch.int64, device=device)
         self.stopped = False
@@ -88,7 +79,7 @@ class Discriminator:
     def reward(self, frames: Tensor) -> Tensor:
         """Imitation reward (B,) of clean windows, dropout off."""
         self.network.eval()
-        return imitation_reward(self.logits(frames), self.reward_limit)
+        return imitation_reward(self.loss, self.logits(frames), self.level, self.reward_limit)
 
     def update(self, frames: Tensor) -> dict[str, Tensor]:
         """One step on as many windows of the teacher as of the student, (B, frame_size)."""
@@ -96,9 +87,8 @@ class Discriminator:
         index = torch.randint(len(self.real), (len(frames),), generator=self.generator, device=frames.device)
         real, fake = self._perturb(self.real[index]), self._perturb(frames)
         real_logits, fake_logits = self.logits(real), self.logits(fake)
-        loss = discriminator_loss(real_logits, fake_logits, self.label_smoothing)
-        mix = torch.rand((len(frames), 1), generator=self.generator, device=frames.device)
-        penalty = gradient_penalty(self.logits, real, fake, mix)
+        loss = LOSSES[self.loss](real_logits, fake_logits, self.label_smoothing)
+        penalty = self._penalty(real, fake)
         self.optimizer.zero_grad()
         torch.autograd.backward(loss + self.penalty_weight * penalty)
         gradient_norm = nn.utils.get_total_norm([p.grad for p in self.network.parameters() if p.grad is not None])
@@ -106,10 +96,11 @@ class Discriminator:
         self.optimizer.step()
         check(discriminator_weights=nn.utils.get_total_norm([p.detach() for p in self.network.parameters()]))
         self.updates += 1
+        threshold = decision_threshold(self.loss, real_logits, fake_logits)
         return {
             "discriminator_loss": loss.detach(),
-            "discriminator_accuracy_teacher": (real_logits > 0).float().mean(),
-            "discriminator_accuracy_student": (fake_logits < 0).float().mean(),
+            "discriminator_accuracy_teacher": (real_logits > threshold).float().mean(),
+            "discriminator_accuracy_student": (fake_logits < threshold).float().mean(),
             "discriminator_gradient_norm": gradient_norm,
             "discriminator_validation_loss": self._validate(fake),
         }
@@ -134,20 +125,29 @@ class Discriminator:
         restore_optimizer(self.optimizer, state.get("optimizer", {}))
 
     def _tensors(self) -> dict[str, Tensor]:
-        validation = {"best_validation": self.best_validation, "stale_updates": self.stale_updates}
-        return validation | dict(self.network.state_dict())
+        own = {"best_validation": self.best_validation, "stale_updates": self.stale_updates}
+        own |= {"level": self.level} if self.loss == "wasserstein" else {}
+        return own | dict(self.network.state_dict())
 
     @torch.no_grad()
     def _validate(self, fake: Tensor) -> Tensor:
         """Loss on the held-out windows; counts the updates in a row that brought nothing better."""
         self.network.eval()
-        loss = discriminator_loss(self.logits(self.validation), self.logits(fake), self.label_smoothing)
+        held_out = self.logits(self.validation)
+        self.level = held_out.mean()
+        loss = LOSSES[self.loss](held_out, self.logits(fake), self.label_smoothing)
         better = loss < self.best_validation
         self.best_validation = torch.where(better, loss, self.best_validation)
         self.stale_updates = torch.where(better, 0, self.stale_updates + 1)
         if self.patience is not None:
             self.stopped = bool(self.stale_updates >= self.patience)
         return loss
+
+    def _penalty(self, real: Tensor, fake: Tensor) -> Tensor:
+        if self.penalty_on == "interpolates":
+            mix = torch.rand((len(real), 1), generator=self.generator, device=real.device)
+            return interpolate_penalty(self.logits, real, fake, mix)
+        return zero_penalty(self.logits, real if self.penalty_on == "reference" else torch.cat((real, fake)))
 
     def _perturb(self, frames: Tensor) -> Tensor:
         noise = torch.randn(frames.shape, generator=self.generator, device=frames.device)

@@ -1,9 +1,13 @@
-"""ROM-GRL (paper section 3.3): SAC whose reward is recomputed with the current discriminator at every draw."""
+"""ROM-GRL (paper section 3.3): SAC whose reward comes from the discriminator.
+
+By default it is recomputed with the current discriminator at every draw; `stored_reward` keeps the one of the step.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 from torch import Tensor
@@ -28,6 +32,7 @@ class RomGrl:
     discriminator_interval: int
     discriminator_batch: int
     discriminator_recent: int | None
+    stored_reward: bool = False
     stop_seen: bool = False
     discriminator_due: int = 0
 
@@ -43,12 +48,22 @@ class RomGrl:
         return metrics
 
     def start_discriminator(self) -> Callable[[], Metrics]:
-        """Begin the discriminator's updates that are due, in the second lane where there is one."""
+        """Begin the discriminator's updates that are due, in the second lane where there is one.
+
+        What it returns may be called again: the updates are done once.
+        """
         judge, due, self.discriminator_due = self.discriminator, self.discriminator_due, 0
         if judge is None or judge.stopped or due == 0:
             return dict
         streams = self.buffer.sample_frames(due * self.discriminator_batch, self.discriminator_recent).chunk(due)
-        return start(self.sac.lane, lambda: [judge.update(stream) for stream in streams][-1])
+        return cache(start(self.sac.lane, lambda: [judge.update(stream) for stream in streams][-1]))
+
+    def collected_reward(self, frames: Tensor, judged: Callable[[], Metrics]) -> Tensor | float:
+        """Imitation reward (N,) of a step's windows where rewards are stored, once the running update is through."""
+        if self.discriminator is None or not self.stored_reward:
+            return 0.0
+        judged()
+        return self.discriminator.reward(frames.to(self.buffer.frames.device))
 
     def scale_learning_rates(self, scale: float) -> None:
         """Set all learning rates to their configured values times `scale`.
@@ -97,7 +112,7 @@ class RomGrl:
         """eta r_env + (1 - eta) r_im with the discriminator as it is now (paper, J(pi))."""
         if self.discriminator is None:
             return self.eta * batch.task_reward, {"task_reward": batch.task_reward.mean()}
-        imitation = self.discriminator.reward(batch.frames)
+        imitation = batch.imitation_reward if self.stored_reward else self.discriminator.reward(batch.frames)
         reward = self.eta * batch.task_reward + (1 - self.eta) * imitation
         share = (1 - self.eta) * imitation.mean() / reward.mean().clamp(min=1e-6)
         return reward, {

@@ -1,44 +1,100 @@
-"""Windows of consecutive gait frames, as the discriminator sees them.
+"""Windows of gait frames, as the discriminator sees them.
 
-A frame is the five features of the contract (romgrl.gait.features), with the trunk inclination as a sixth if wished.
+A frame is the five features of the contract (romgrl.gait.features), with the trunk inclination as a sixth and the
+velocities of the five behind if wished. The frames of a window lie `stride` control steps apart.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from romgrl.gait.features import CHANNELS, MIRROR
+
 Float32 = NDArray[np.float32]
 
-FRAME_MIRROR = (0, 3, 4, 1, 2, 5)
-"""Left-right mirror of a frame: the feet change sides, height and trunk inclination stay."""
 
+@dataclass(frozen=True)
+class WindowLayout:
+    """What a window holds: `window` frames, oldest first, `stride` control steps of `dt` seconds apart.
 
-def window_mirror(columns: int, window: int) -> tuple[NDArray[np.int64], Float32]:
-    """Permutation and sign of a mirrored window of `window` frames of `columns` entries, (window * columns,) each."""
-    frame = np.array([c for c in FRAME_MIRROR if c < columns])
-    permutation = (np.arange(window)[:, None] * columns + frame).ravel()
-    return permutation.astype(np.int64), np.ones(window * columns, dtype=np.float32)
+    features: "paper": the five; "velocities": the five and their velocities; "trunk": the five and the trunk
+    inclination; "trunk_velocities": the five, the trunk inclination, the velocities of the five. A velocity is the
+    difference from the control step before over dt, in m/s; the trunk has none, because the ROM's does not turn.
+    """
+
+    features: str
+    window: int
+    stride: int = 1
+    dt: float = 1.0
+
+    @property
+    def trunk(self) -> bool:
+        """True where a frame has the trunk inclination."""
+        return self.features.startswith("trunk")
+
+    @property
+    def velocities(self) -> bool:
+        """True where a frame has velocities."""
+        return self.features.endswith("velocities")
+
+    @property
+    def positions(self) -> int:
+        """Columns of a control step as it is recorded."""
+        return len(CHANNELS) + self.trunk
+
+    @property
+    def columns(self) -> int:
+        """Columns of a frame of the window."""
+        return self.positions + len(CHANNELS) * self.velocities
+
+    @property
+    def size(self) -> int:
+        """Entries of a window."""
+        return self.window * self.columns
+
+    @property
+    def span(self) -> int:
+        """Control steps in a row that a window is made of."""
+        return (self.window - 1) * self.stride + 1 + self.velocities
+
+    def judged(self, steps: Float32) -> Float32:
+        """Windows (N, size) of recorded control steps (N, span, positions); a view where nothing is left out."""
+        frames = steps[:, int(self.velocities) :: self.stride]
+        if self.velocities:
+            before, now = steps[:, : -1 : self.stride, : len(CHANNELS)], frames[..., : len(CHANNELS)]
+            frames = np.concatenate((frames, (now - before) / np.float32(self.dt)), axis=-1)
+        return frames.reshape(len(steps), self.size)
+
+    def mirror(self) -> tuple[NDArray[np.int64], Float32]:
+        """Left-right mirror of a window: permutation and sign, (size,) each; all that is seen keeps its sign."""
+        frame = [*MIRROR]
+        frame += [len(frame)] * self.trunk
+        frame += [len(frame) + column for column in MIRROR] * self.velocities
+        permutation = (np.arange(self.window)[:, None] * self.columns + np.array(frame)).ravel()
+        return permutation.astype(np.int64), np.ones(self.size, dtype=np.float32)
 
 
 class FrameWindows:
-    """The last `window` frames of N environments, oldest first, in one buffer (N, window, columns)."""
+    """The last control steps of N environments, oldest first, in one buffer (N, span, positions)."""
 
-    def __init__(self, *, num_envs: int, columns: int, window: int) -> None:
-        self.frames = np.zeros((num_envs, window, columns), dtype=np.float32)
+    def __init__(self, *, num_envs: int, layout: WindowLayout) -> None:
+        self.layout = layout
+        self.frames = np.zeros((num_envs, layout.span, layout.positions), dtype=np.float32)
 
     def restart(self, frame: Float32, rows: NDArray[np.bool_] | slice = slice(None)) -> None:
-        """Fill the windows of `rows` with their first frame (N, columns)."""
+        """Fill the windows of `rows` with their first step (N, positions), as if they had stood there."""
         self.frames[rows] = frame[rows][:, None]
 
     def push(self, frame: Float32) -> Float32:
-        """Append the newest frame (N, columns); returns the windows flat, (N, window * columns), a view."""
+        """Append the newest step (N, positions); returns the windows (N, size), maybe a view."""
         self.frames[:, :-1] = self.frames[:, 1:]
         self.frames[:, -1] = frame
-        return self.frames.reshape(len(self.frames), -1)
+        return self.layout.judged(self.frames)
 
     def state(self) -> dict[str, Float32]:
         """Everything that `restore` needs."""
@@ -53,28 +109,27 @@ def reference_windows(
     features: Float32,
     episode: NDArray[np.int32],
     *,
-    window: int,
-    trunk: bool,
+    layout: WindowLayout,
     trunk_std: float,
     mirror: bool,
     seed: int,
 ) -> Float32:
-    """Windows of a reference, (M, window * columns), none of which crosses an episode.
+    """Windows of a reference, (M, layout.size), none of which crosses an episode.
 
-    With `trunk`, each window gets one trunk inclination from N(0, trunk_std): the ROM's trunk is upright. With
-    `mirror`, each window is followed by its mirror image.
+    With the trunk, each window gets one inclination from N(0, trunk_std): the ROM's trunk is upright. With `mirror`,
+    each window is followed by its mirror image.
     """
-    starts = np.arange(len(features) - window + 1)
-    starts = starts[episode[starts] == episode[starts + window - 1]]
+    span = layout.span
+    starts = np.arange(len(features) - span + 1)
+    starts = starts[episode[starts] == episode[starts + span - 1]]
     if len(starts) == 0:
-        raise ValueError(f"no episode of the reference holds a window of {window} frames")
-    windows = features[starts[:, None] + np.arange(window)]
-    if trunk:
+        raise ValueError(f"no episode of the reference holds a window of {span} steps")
+    steps = features[starts[:, None] + np.arange(span)]
+    if layout.trunk:
         lean = np.random.default_rng(seed).normal(0.0, trunk_std, (len(starts), 1, 1)).astype(np.float32)
-        windows = np.concatenate((windows, np.broadcast_to(lean, (len(starts), window, 1))), axis=-1)
-    columns = windows.shape[-1]
-    flat: Float32 = windows.reshape(len(starts), -1).astype(np.float32)
+        steps = np.concatenate((steps, np.broadcast_to(lean, (len(starts), span, 1))), axis=-1)
+    flat = layout.judged(steps.astype(np.float32))
     if mirror:
-        permutation, sign = window_mirror(columns, window)
+        permutation, sign = layout.mirror()
         flat = np.stack((flat, flat[:, permutation] * sign), axis=1).reshape(2 * len(starts), -1)
     return flat

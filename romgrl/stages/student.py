@@ -18,7 +18,7 @@ from romgrl.algorithms.sac import SAC, Metrics, save_policy
 from romgrl.buffers import Mirror, ReplayBuffer
 from romgrl.checkpoint import State
 from romgrl.config import Config
-from romgrl.gait.windows import FrameWindows, reference_windows, window_mirror
+from romgrl.gait.windows import FrameWindows, WindowLayout, reference_windows
 from romgrl.humanoid.model import fingerprint
 from romgrl.humanoid.observation import OBSERVATION_SIZE
 from romgrl.humanoid.skeleton import HINGES
@@ -71,14 +71,10 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
     compact = config.student.compact_observation
     env = humanoid_env(replace(config, threads=each), num_envs=config.student.num_envs, compact=compact)
     columns = torch.from_numpy(env.compact_columns if compact else np.arange(OBSERVATION_SIZE))
-    windows = FrameWindows(
-        num_envs=env.num_envs,
-        columns=6 if config.discriminator.features == "trunk" else 5,
-        window=config.discriminator.window,
-    )
+    windows = FrameWindows(num_envs=env.num_envs, layout=window_layout(config))
     humanoid = fingerprint(env.model)
     with second_lane(beside) as lane:
-        learner = build_learner(config, env, columns, windows, inputs.get("reference"), lane)
+        learner = build_learner(config, env, columns, windows.layout, inputs.get("reference"), lane)
 
         def save() -> None:
             moments = learner.normalizer.mean_and_scale()
@@ -88,28 +84,33 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
         save()
 
 
+def window_layout(config: Config) -> WindowLayout:
+    """What the discriminator sees."""
+    judge = config.discriminator
+    return WindowLayout(judge.features, judge.window, judge.stride, 1 / config.humanoid.control_frequency)
+
+
 def build_learner(
     config: Config,
     env: PlanarHumanoidVectorEnv,
     columns: Tensor,
-    windows: FrameWindows,
+    layout: WindowLayout,
     reference: Path | None,
     lane: Executor | None = None,
 ) -> RomGrl:
     """Wire agent, discriminator and replay buffer from the configuration; `lane` is a second thread for the agent."""
     student, judge = config.student, config.discriminator
-    frame_columns, window = windows.frames.shape[2], windows.frames.shape[1]
     mirrors: dict[str, Mirror | None] = {"observation": None, "action": None, "frames": None}
     if student.mirror:
         mirrors["observation"] = on_device(compact_mirror(env.mirror_observation, columns), config.device)
         mirrors["action"] = on_device(env.mirror_action, config.device)
-        mirrors["frames"] = on_device(window_mirror(frame_columns, window), config.device)
+        mirrors["frames"] = on_device(layout.mirror(), config.device)
     buffer = ReplayBuffer(
         capacity=student.buffer_size,
         num_envs=env.num_envs,
         observation_size=len(columns),
         action_size=ACTION_SIZE,
-        frame_size=frame_columns * window,
+        frame_size=layout.size,
         seed=config.seed,
         device=config.device,
         **{f"mirror_{name}": mirror for name, mirror in mirrors.items()},
@@ -136,7 +137,7 @@ def build_learner(
     )
     return RomGrl(
         sac=sac,
-        discriminator=build_discriminator(config, window, reference),
+        discriminator=build_discriminator(config, layout, reference),
         buffer=buffer,
         normalizer=RunningNormalizer(len(columns), enabled=student.normalize_observation, device=config.device),
         eta=config.eta,
@@ -144,20 +145,20 @@ def build_learner(
         discriminator_interval=judge.update_interval,
         discriminator_batch=judge.batch_size,
         discriminator_recent=judge.recent_steps,
+        stored_reward=judge.reward == "stored",
     )
 
 
-def build_discriminator(config: Config, window: int, reference: Path | None) -> Discriminator | None:
+def build_discriminator(config: Config, layout: WindowLayout, reference: Path | None) -> Discriminator | None:
     """The judge, with the windows of the reference; None for the baseline."""
     judge = config.discriminator
     if judge.name == "none" or reference is None:
         return None
-    arrays = read_reference(reference, config, steps=window)
+    arrays = read_reference(reference, config, steps=layout.span)
     real = reference_windows(
         arrays["features"],
         arrays["episode"],
-        window=window,
-        trunk=judge.features == "trunk",
+        layout=layout,
         trunk_std=judge.trunk_std,
         mirror=config.student.mirror,
         seed=config.seed,
@@ -174,6 +175,8 @@ def build_discriminator(config: Config, window: int, reference: Path | None) -> 
         held_out=judge.held_out,
         patience=judge.patience,
         standardize=judge.standardize,
+        loss=judge.loss,
+        penalty_on=judge.penalty_on,
         seed=config.seed,
         device=config.device,
     )
@@ -191,7 +194,7 @@ def train(
     """Act, step and learn: the physics of a step runs beside the updates, which use what was stored before it."""
     student = config.student
     device = config.device
-    trunk = windows.frames.shape[2] == 6
+    trunk = windows.layout.trunk
     tally = EpisodeTally(env.num_envs, config.humanoid.control_frequency)
     observation, info = env.reset(seed=config.seed)
     windows.restart(frame(info, trunk, ""))
@@ -221,6 +224,7 @@ def train(
             check_physics(info["diverged"])
             check(observation=observation, reward=reward)
             following = torch.from_numpy(observation).to(device)
+            frames = torch.from_numpy(windows.push(frame(info, trunk, "")))
             learner.buffer.add(
                 loop.observation,
                 action,
@@ -228,7 +232,8 @@ def train(
                 torch.from_numpy(reward),
                 torch.from_numpy(terminated),
                 torch.from_numpy(truncated),
-                torch.from_numpy(windows.push(frame(info, trunk, ""))),
+                frames,
+                learner.collected_reward(frames, judged),
             )
             learner.normalizer.update(following)
             finished = terminated | truncated

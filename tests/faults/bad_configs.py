@@ -194,6 +194,8 @@ MISFITS = (
     ("teacher.minibatch_size", "teacher.minibatch_size=99999"),
     ("teacher.rollout_steps", "teacher.num_envs=1 teacher.rollout_steps=1 teacher.minibatch_size=1"),
     ("discriminator.window", "discriminator.window=32 reference.episodes=100 evaluation.window=20"),
+    ("discriminator.window", "discriminator.stride=32 discriminator.window=20"),
+    ("discriminator.gradient_penalty", "discriminator.loss=wasserstein discriminator.gradient_penalty=0"),
     ("discriminator.held_out", "discriminator.held_out=0.00001"),
     ("rom.reset_hip_angle", "rom.hip_angle_limit=0.2"),
     ("rom.reset_speed", "rom.reset_speed=[2,1]"),

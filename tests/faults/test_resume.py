@@ -50,6 +50,25 @@ def test_resume_is_bit_exact(
     print(f"{name}: cut at {sorted(cuts)} of {TOTAL[name]}: {equal} of {CUTS} end with the same bits")
 
 
+def test_a_student_with_another_discriminator_goes_on_bit_exactly(
+    compose_config: Composer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Rewards stored in the buffer, a critic's level, velocities and frames that are apart."""
+    other = ("loss=wasserstein", "reward=stored", "features=trunk_velocities", "window=3", "stride=4")
+    config = training("student", compose_config, *(f"discriminator.{choice}" for choice in other))
+    config.student.total_steps = 1600
+    recorder = Recorder(monkeypatch)
+    train("student", config, tmp_path / "whole")
+    whole = (recorder.state, files(tmp_path / "whole"))
+    recorder.cut = 1000
+    recorder.again()
+    with pytest.raises(Interrupted):
+        train("student", config, tmp_path / "cut")
+    recorder.again()
+    train("student", config, tmp_path / "cut")
+    assert (recorder.state, files(tmp_path / "cut")) == whole
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["teacher", "student"])
 def test_every_part_of_the_state_matters(

@@ -17,7 +17,6 @@ import torch
 
 from romgrl.artifacts import save_arrays
 from romgrl.config import Config
-from romgrl.gait.windows import FrameWindows
 from romgrl.progress import SilentLog
 from romgrl.stages import student, teacher
 from romgrl.stages.walkers import humanoid_env
@@ -61,10 +60,8 @@ def test_student(meta_config: Config, tmp_path: Path) -> None:
     reference = {"features": features, "episode": np.zeros(100, np.int32), "dt": 1 / 30, "speed": 4.0}
     save_arrays(tmp_path / "reference.npz", reference)
     env = humanoid_env(meta_config, num_envs=2)
-    columns = 6 if meta_config.discriminator.features == "trunk" else 5
-    windows = FrameWindows(num_envs=2, columns=columns, window=meta_config.discriminator.window)
     observed = torch.arange(env.single_observation_space.shape[0])
-    learner = student.build_learner(meta_config, env, observed, windows, tmp_path)
+    learner = student.build_learner(meta_config, env, observed, student.window_layout(meta_config), tmp_path)
     found = dict(tensors(learner))
     assert len(found) > 20
     assert {name for name, tensor in found.items() if tensor.device.type != "meta"} == set()

@@ -6,7 +6,7 @@ import torch
 from numpy.typing import NDArray
 
 from romgrl.buffers import ReplayBuffer
-from romgrl.gait.windows import FrameWindows, reference_windows, window_mirror
+from romgrl.gait.windows import FrameWindows, WindowLayout, reference_windows
 
 
 def fill(buffer: ReplayBuffer, steps: int, truncated_every: int = 0) -> None:
@@ -73,22 +73,22 @@ def test_too_small_and_empty_buffers_are_refused() -> None:
 
 
 def test_windows_hold_the_last_frames_and_restart() -> None:
-    windows = FrameWindows(num_envs=2, columns=1, window=3)
+    windows = FrameWindows(num_envs=2, layout=WindowLayout("paper", window=3))
 
     def frame(value: float) -> NDArray[np.float32]:
-        return np.full((2, 1), value, dtype=np.float32)
+        return np.full((2, 5), value, dtype=np.float32)
 
     windows.restart(frame(0))
     windows.push(frame(1))
-    np.testing.assert_array_equal(windows.push(frame(2)), [[0, 1, 2]] * 2)
+    np.testing.assert_array_equal(windows.push(frame(2))[:, ::5], [[0, 1, 2]] * 2)
     windows.restart(frame(9), np.array([True, False]))
-    np.testing.assert_array_equal(windows.push(frame(10)), [[9, 9, 10], [1, 2, 10]])
+    np.testing.assert_array_equal(windows.push(frame(10))[:, ::5], [[9, 9, 10], [1, 2, 10]])
 
 
 def test_reference_windows_stay_within_episodes() -> None:
     features = np.arange(10, dtype=np.float32)[:, None] * np.ones(5, dtype=np.float32)
     episode = np.array([0] * 6 + [1] * 4, dtype=np.int32)
-    windows = reference_windows(features, episode, window=3, trunk=False, trunk_std=0, mirror=False, seed=0)
+    windows = reference_windows(features, episode, layout=WindowLayout("paper", 3), trunk_std=0, mirror=False, seed=0)
     first = windows.reshape(-1, 3, 5)[:, :, 0]
     np.testing.assert_array_equal(first[:, 0], [0, 1, 2, 3, 6, 7])
     np.testing.assert_array_equal(np.diff(first, axis=1), 1)
@@ -97,7 +97,7 @@ def test_reference_windows_stay_within_episodes() -> None:
 def test_reference_windows_carry_one_trunk_inclination_each_and_their_mirror() -> None:
     features = np.tile(np.array([0.9, 0.1, -0.8, 0.3, -0.7], dtype=np.float32), (500, 1))
     episode = np.zeros(500, dtype=np.int32)
-    windows = reference_windows(features, episode, window=2, trunk=True, trunk_std=0.1, mirror=True, seed=0)
+    windows = reference_windows(features, episode, layout=WindowLayout("trunk", 2), trunk_std=0.1, mirror=True, seed=0)
     assert windows.shape == (998, 12)
     frames = windows.reshape(-1, 2, 6)
     np.testing.assert_array_equal(frames[:, 0, 5], frames[:, 1, 5])
@@ -105,19 +105,12 @@ def test_reference_windows_carry_one_trunk_inclination_each_and_their_mirror() -
     np.testing.assert_allclose(frames[1, 0, :5], [0.9, 0.3, -0.7, 0.1, -0.8], atol=1e-7)
 
 
-def test_window_mirror_is_its_own_inverse() -> None:
-    permutation, sign = window_mirror(6, 4)
-    values = np.random.default_rng(0).normal(size=(3, 24)).astype(np.float32)
-    np.testing.assert_array_equal((values[:, permutation] * sign)[:, permutation] * sign, values)
-
-
 def test_windows_longer_than_every_episode_are_refused() -> None:
     with pytest.raises(ValueError, match="no episode"):
         reference_windows(
             np.zeros((4, 5), np.float32),
             np.arange(4, dtype=np.int32),
-            window=2,
-            trunk=False,
+            layout=WindowLayout("paper", 2),
             trunk_std=0,
             mirror=False,
             seed=0,

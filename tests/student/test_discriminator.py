@@ -5,12 +5,8 @@ import math
 import pytest
 import torch
 
-from romgrl.algorithms.discriminator import (
-    Discriminator,
-    discriminator_loss,
-    gradient_penalty,
-    imitation_reward,
-)
+from romgrl.algorithms.adversarial import bce_loss, imitation_reward, interpolate_penalty
+from romgrl.algorithms.discriminator import Discriminator
 
 
 def make(**changes: object) -> Discriminator:
@@ -36,28 +32,30 @@ def test_loss_on_paper() -> None:
     """Labels 0.9 and 0.1, D(real) = 0.8, D(fake) = 0.3."""
     real, fake = torch.tensor([math.log(0.8 / 0.2)]), torch.tensor([math.log(0.3 / 0.7)])
     expected = -(0.9 * math.log(0.8) + 0.1 * math.log(0.2)) - (0.1 * math.log(0.3) + 0.9 * math.log(0.7))
-    assert float(discriminator_loss(real, fake, 0.1)) == pytest.approx(expected, rel=1e-6)
+    assert float(bce_loss(real, fake, 0.1)) == pytest.approx(expected, rel=1e-6)
 
 
 def test_loss_of_an_undecided_judge_is_two_log_two() -> None:
     zero = torch.zeros(7)
-    assert float(discriminator_loss(zero, zero, 0.1)) == pytest.approx(2 * math.log(2), rel=1e-6)
+    assert float(bce_loss(zero, zero, 0.1)) == pytest.approx(2 * math.log(2), rel=1e-6)
 
 
 def test_gradient_penalty_of_linear_and_quadratic_judges() -> None:
     """A linear judge has gradient w everywhere; x^2 / 2 has gradient x, here at x = (0.25 * 4, 0.25 * 8)."""
     weight = torch.tensor([3.0, 4.0])
     real, fake, mix = torch.zeros(2, 2), torch.tensor([[4.0, 8.0]] * 2), torch.full((2, 1), 0.75)
-    assert float(gradient_penalty(lambda x: x @ weight, real, fake, mix)) == pytest.approx(16.0)
-    quadratic = gradient_penalty(lambda x: 0.5 * x.square().sum(-1), real, fake, mix)
+    assert float(interpolate_penalty(lambda x: x @ weight, real, fake, mix)) == pytest.approx(16.0)
+    quadratic = interpolate_penalty(lambda x: 0.5 * x.square().sum(-1), real, fake, mix)
     assert float(quadratic.detach()) == pytest.approx((math.sqrt(5) - 1) ** 2, rel=1e-6)
 
 
 def test_imitation_reward_is_minus_log_one_minus_d() -> None:
     probability = torch.tensor([0.1, 0.5, 0.9, 1 - 1e-6])
     logits = torch.log(probability / (1 - probability))
-    torch.testing.assert_close(imitation_reward(logits, None)[:3], -torch.log(1 - probability[:3]))
-    assert float(imitation_reward(logits, 3.0)[3]) == 3.0
+    torch.testing.assert_close(
+        imitation_reward("bce", logits, torch.zeros(()), None)[:3], -torch.log(1 - probability[:3])
+    )
+    assert float(imitation_reward("bce", logits, torch.zeros(()), 3.0)[3]) == 3.0
 
 
 def test_it_learns_to_tell_and_rewards_what_looks_real() -> None:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from romgrl.algorithms.rom_grl import RomGrl
 from romgrl.algorithms.sac import load_policy
 from romgrl.artifacts import load_tensors, save_arrays
+from romgrl.buffers import ReplayBuffer
 from romgrl.config import Config
 from romgrl.normalizer import RunningNormalizer
 from romgrl.progress import SilentLog
@@ -19,6 +21,7 @@ from romgrl.stages.tally import EpisodeTally
 from tests.conftest import Composer
 
 SMALL = ["student.hidden_sizes=[32,32]", "student.num_envs=8", "student.learning_starts=500", "student.batch_size=32"]
+JUDGED_OFTEN = ("student.updates_per_step=0.3", "discriminator.update_interval=1", "discriminator.batch_size=64")
 
 
 @pytest.fixture
@@ -171,3 +174,66 @@ def test_tally_of_episodes() -> None:
     assert tally.take()["episode_seconds"] == pytest.approx(2.0)
     tally.add(info, first, first)
     assert tally.take()["fall_share"] == 1.0
+
+
+@pytest.fixture(scope="module")
+def stored_on_one_thread() -> dict[str, torch.Tensor]:
+    """The weights that one thread gave, for two to give again."""
+    return {}
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_a_stored_reward_is_what_the_discriminator_said_when_the_step_was_taken(
+    threads: int,
+    stored_on_one_thread: dict[str, torch.Tensor],
+    configuration: Composer,
+    reference: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Asked again at every step; the same bits on one thread and on two."""
+    said: list[torch.Tensor] = []
+    learners: list[RomGrl] = []
+    add, build = ReplayBuffer.add, student.build_learner
+
+    def adding(buffer: ReplayBuffer, *step: Any) -> None:
+        judge = learners[0].discriminator
+        assert judge is not None
+        said.append(judge.reward(step[6]))
+        add(buffer, *step)
+
+    monkeypatch.setattr(student, "build_learner", lambda *a: learners.append(build(*a)) or learners[-1])
+    monkeypatch.setattr(ReplayBuffer, "add", adding)
+    config = configuration("student.total_steps=1200", "discriminator.reward=stored", *JUDGED_OFTEN)
+    config.threads = threads
+    found = weights(config, {"reference": reference}, tmp_path / "student")
+    buffer = learners[0].buffer
+    assert torch.equal(buffer.imitation_reward[: buffer.added], torch.stack(said))
+    assert len({float(rewards[0]) for rewards in said}) > 80  # the judge learned between them
+    drawn = buffer.sample(64)
+    reward, metrics = learners[0]._reward(drawn)
+    torch.testing.assert_close(reward, 0.5 * drawn.task_reward + 0.5 * drawn.imitation_reward)
+    assert float(metrics["imitation_reward"]) == pytest.approx(float(drawn.imitation_reward.mean()))
+    stored_on_one_thread |= found if threads == 1 else {}
+    assert all(torch.equal(stored_on_one_thread[name], found[name]) for name in stored_on_one_thread)
+
+
+VARIANTS = (
+    ("discriminator.loss=least_squares", "discriminator.penalty_on=reference"),
+    ("discriminator.loss=wasserstein", "discriminator.features=velocities"),
+    ("discriminator.features=trunk_velocities", "discriminator.window=4", "discriminator.stride=4"),
+    ("discriminator.penalty_on=both", "discriminator.window=4", "discriminator.stride=3"),
+)
+
+
+@pytest.mark.parametrize("variant", VARIANTS, ids=lambda variant: variant[0].removeprefix("discriminator."))
+def test_every_variant_trains(
+    variant: tuple[str, ...], configuration: Composer, reference: Path, tmp_path: Path
+) -> None:
+    log = SilentLog()
+    config = configuration("student.total_steps=1024", *JUDGED_OFTEN, *variant)
+    student.run(config, {"reference": reference}, tmp_path, log)
+    values = log.rows[-1][1]
+    assert values["discriminator_updates"] > 20
+    assert np.isfinite(list(values.values())).all()
+    assert 0 <= values["imitation_reward"] <= (3.0 if config.discriminator.loss == "bce" else 1.0)

@@ -1,0 +1,85 @@
+"""What the discriminator minimises and what it pays: three losses with their rewards, and gradient penalties.
+
+A logit is the discriminator's output without any squashing, whatever the loss; high is the teacher's. Real windows are
+the teacher's, fake ones the student's.
+
+| loss          | real stream            | fake stream            | imitation reward of a logit l           |
+| bce           | labels 1 - smoothing   | labels smoothing       | -log(1 - D) = softplus(l)               |
+| least_squares | (l - 1)^2              | (l + 1)^2              | max(0, 1 - (l - 1)^2 / 4), in [0, 1]    |
+| wasserstein   | -l                     | +l                     | exp(min(0, l - level)), in (0, 1]       |
+
+bce: Ho and Ermon (2016) and the paper's section 3.3. least_squares: Peng et al. (2021), AMP, equations 6 and 7.
+wasserstein: Gulrajani et al. (2017). Its critic is known up to a constant, so the reward is measured from `level`, its
+mean over the held-out windows of the teacher: one where the critic sees the teacher, and e^-d at d critic units below,
+which are standardised feature units times the slope that the gradient penalty allows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import torch
+from torch import Tensor
+from torch.nn import functional as F
+
+Logits = Callable[[Tensor], Tensor]
+
+
+def bce_loss(real_logits: Tensor, fake_logits: Tensor, label_smoothing: float) -> Tensor:
+    """Binary cross-entropy of both streams with labels 1 - smoothing and smoothing, summed as in the paper's L_D."""
+    real = F.binary_cross_entropy_with_logits(real_logits, torch.full_like(real_logits, 1 - label_smoothing))
+    fake = F.binary_cross_entropy_with_logits(fake_logits, torch.full_like(fake_logits, label_smoothing))
+    loss: Tensor = real + fake
+    return loss
+
+
+def least_squares_loss(real_logits: Tensor, fake_logits: Tensor, label_smoothing: float) -> Tensor:
+    """E (l_real - 1)^2 + E (l_fake + 1)^2; the labels are not smoothed."""
+    return (real_logits - 1).square().mean() + (fake_logits + 1).square().mean()
+
+
+def wasserstein_loss(real_logits: Tensor, fake_logits: Tensor, label_smoothing: float) -> Tensor:
+    """E l_fake - E l_real; there are no labels to smooth."""
+    return fake_logits.mean() - real_logits.mean()
+
+
+LOSSES = {"bce": bce_loss, "least_squares": least_squares_loss, "wasserstein": wasserstein_loss}
+
+
+def imitation_reward(loss: str, logits: Tensor, level: Tensor, limit: float | None) -> Tensor:
+    """The reward that goes with a loss, at most `limit`; `level` is used by wasserstein only."""
+    if loss == "wasserstein":
+        reward = (logits - level).clamp(max=0).exp()
+    elif loss == "least_squares":
+        reward = (1 - 0.25 * (logits - 1).square()).clamp(min=0)
+    else:
+        reward = F.softplus(logits)
+    return reward.clamp(max=limit) if limit is not None else reward
+
+
+def decision_threshold(loss: str, real_logits: Tensor, fake_logits: Tensor) -> Tensor | float:
+    """The logit above which a window counts as the teacher's: midway between the streams where zero means nothing."""
+    return 0.5 * (real_logits.mean() + fake_logits.mean()) if loss == "wasserstein" else 0.0
+
+
+def interpolate_penalty(logits: Logits, real: Tensor, fake: Tensor, mix: Tensor) -> Tensor:
+    """E (|grad_x logit(x)| - 1)^2 on x = mix real + (1 - mix) fake (WGAN-GP); mix is (B, 1) in [0, 1]."""
+    gradient = slope(logits, mix * real + (1 - mix) * fake)
+    penalty: Tensor = (gradient.norm(dim=-1) - 1).square().mean()
+    return penalty
+
+
+def zero_penalty(logits: Logits, points: Tensor) -> Tensor:
+    """E |grad_x logit(x)|^2 on `points` (B, F): R1 on the teacher's (AMP), R1 and R2 on both streams (Mescheder 2018).
+
+    AMP weighs it by w / 2, here the whole weight stands before it.
+    """
+    penalty: Tensor = slope(logits, points).square().sum(-1).mean()
+    return penalty
+
+
+def slope(logits: Logits, points: Tensor) -> Tensor:
+    """Gradient (B, F) of the logits by their inputs, itself differentiable."""
+    points = points.detach().requires_grad_()
+    (gradient,) = torch.autograd.grad(logits(points).sum(), points, create_graph=True)
+    return gradient

@@ -1,0 +1,99 @@
+"""What windows hold: frames k steps apart, velocities that are finite differences, and mirrors that mirror both."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from romgrl.gait.features import mirrored
+from romgrl.gait.windows import FrameWindows, WindowLayout, reference_windows
+
+DT = 1 / 30
+FEATURES = ("paper", "trunk", "velocities", "trunk_velocities")
+COLUMNS = {"paper": 5, "trunk": 6, "velocities": 10, "trunk_velocities": 11}
+
+
+def recorded(layout: WindowLayout, rows: int, seed: int = 0) -> NDArray[np.float32]:
+    """Steps (rows, span, positions) with nothing in common."""
+    shape = (rows, layout.span, layout.positions)
+    return np.random.default_rng(seed).normal(size=shape).astype(np.float32)
+
+
+@pytest.mark.parametrize("features", FEATURES)
+@pytest.mark.parametrize(("window", "stride"), [(1, 1), (2, 1), (4, 1), (4, 4), (2, 3)])
+def test_what_a_window_holds(features: str, window: int, stride: int) -> None:
+    """Frame by frame: the positions of the step, the inclination, and the step's difference from the one before."""
+    layout = WindowLayout(features, window, stride, DT)
+    steps = recorded(layout, 3)
+    frames = layout.judged(steps).reshape(3, window, COLUMNS[features])
+    newest = layout.span - 1
+    for i in range(window):
+        step = newest - (window - 1 - i) * stride
+        np.testing.assert_array_equal(frames[:, i, : layout.positions], steps[:, step])
+        if layout.velocities:
+            differences = (steps[:, step, :5] - steps[:, step - 1, :5]) * 30
+            np.testing.assert_allclose(frames[:, i, layout.positions :], differences, rtol=1e-5, atol=1e-5)
+
+
+def test_four_frames_four_steps_apart_span_0_43_seconds() -> None:
+    assert WindowLayout("trunk", 4, 4, DT).span == 13
+    assert WindowLayout("velocities", 4, 4, DT).span == 14
+
+
+def test_velocities_of_a_known_motion() -> None:
+    """x = 0.4 sin(2 pi 1.6 t): the finite difference is the derivative half a step earlier, times sinc."""
+    rate, time = 2 * np.pi * 1.6, np.arange(60) * DT
+    features = np.zeros((60, 5), np.float32)
+    features[:, 1] = 0.4 * np.sin(rate * time)
+    layout = WindowLayout("velocities", 1, dt=DT)
+    windows = reference_windows(features, np.zeros(60, np.int32), layout=layout, trunk_std=0, mirror=False, seed=0)
+    half = rate * DT / 2
+    expected = 0.4 * rate * np.cos(rate * (time[1:] - DT / 2)) * np.sin(half) / half
+    np.testing.assert_allclose(windows[:, 6], expected, atol=2e-5)
+
+
+@pytest.mark.parametrize("features", FEATURES)
+@pytest.mark.parametrize(("window", "stride"), [(1, 1), (2, 1), (4, 3)])
+def test_mirror_of_a_window_is_the_window_of_the_mirror(features: str, window: int, stride: int) -> None:
+    layout = WindowLayout(features, window, stride, DT)
+    steps, (permutation, sign) = recorded(layout, 5), layout.mirror()
+    swapped = np.concatenate((mirrored(steps[..., :5]), steps[..., 5:]), axis=-1)
+    judged = layout.judged(steps)
+    np.testing.assert_array_equal(judged[:, permutation] * sign, layout.judged(swapped))
+    np.testing.assert_array_equal((judged[:, permutation] * sign)[:, permutation] * sign, judged)
+
+
+@pytest.mark.parametrize("features", FEATURES)
+def test_the_student_is_seen_as_the_reference_is(features: str) -> None:
+    """Steps pushed one by one give the windows of a reference of the same steps."""
+    layout = WindowLayout(features, 3, 2, DT)
+    motion = np.random.default_rng(1).normal(size=(40, 5)).astype(np.float32)
+    windows = FrameWindows(num_envs=2, layout=layout)
+    lean = np.full((2, int(layout.trunk)), 0.0, np.float32)
+    seen = []
+    for step, row in enumerate(motion):
+        frame = np.column_stack((np.stack((row, row + 1)), lean))
+        if step == 0:
+            windows.restart(frame)
+        else:
+            seen.append(windows.push(frame).copy())
+    expected = reference_windows(motion, np.zeros(40, np.int32), layout=layout, trunk_std=0.0, mirror=False, seed=0)
+    np.testing.assert_allclose(np.stack(seen)[layout.span - 2 :, 0], expected, atol=1e-5)
+
+
+def test_velocity_after_a_reset_is_that_of_the_first_step() -> None:
+    windows = FrameWindows(num_envs=1, layout=WindowLayout("velocities", 2, dt=DT))
+    first, second = np.full((1, 5), 1.0, np.float32), np.full((1, 5), 1.1, np.float32)
+    windows.restart(first)
+    old, new = windows.push(second).reshape(2, 10)
+    np.testing.assert_allclose(old[5:], 0)
+    np.testing.assert_allclose(new[5:], 3.0, rtol=1e-5)
+
+
+def test_strided_windows_stay_within_episodes() -> None:
+    features = np.arange(20, dtype=np.float32)[:, None] * np.ones(5, dtype=np.float32)
+    episode = np.repeat([0, 1], [12, 8]).astype(np.int32)
+    layout = WindowLayout("paper", 3, 4, DT)
+    windows = reference_windows(features, episode, layout=layout, trunk_std=0, mirror=False, seed=0)
+    np.testing.assert_array_equal(windows[:, ::5], [[0, 4, 8], [1, 5, 9], [2, 6, 10], [3, 7, 11]])
+    with pytest.raises(ValueError, match="no episode"):
+        reference_windows(features, episode, layout=WindowLayout("paper", 4, 4, DT), trunk_std=0, mirror=False, seed=0)
