@@ -39,7 +39,7 @@ ALLOWED = {
     "errors": set(),
     "stages": BELOW_STAGES,
     "validation": {"config"},
-    "misfits": {"config", "errors", "places", "validation", "rom", "humanoid"},
+    "misfits": {"config", "errors", "places", "validation", "rom", "humanoid", "gait"},
     "places": {"config", "journal", "validation"},
     "keys": {"config", "provenance", "sources", "validation"},
     "sources": set(),
