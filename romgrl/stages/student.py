@@ -243,12 +243,17 @@ def train(
             loop.metrics |= judged()
             done = step + env.num_envs
             if done % LOG_INTERVAL < env.num_envs or done >= student.total_steps:
-                values = loop.numbers() | tally.take()
-                log.metrics(values | learner.counts(), done)
-                log.progress(done, student.total_steps, speed=values["speed"], episode=values["episode_seconds"])
+                tell(log, loop, tally, learner, done, student.total_steps)
             if learner.just_stopped():
                 log.message(f"the discriminator stopped at step {done:,}: no better on held-out windows")
             keeper.keep(done)
+
+
+def tell(log: StageLog, loop: Loop, tally: EpisodeTally, learner: RomGrl, step: int, total: int) -> None:
+    """Write a row of the learning curve."""
+    values = loop.numbers() | tally.take()
+    log.metrics(values | learner.counts(), step)
+    log.progress(step, total, speed=values["speed"], episode=values["episode_seconds"])
 
 
 def frame(info: dict[str, NDArray[np.float32]], trunk: bool, prefix: str) -> NDArray[np.float32]:
