@@ -13,7 +13,7 @@ import pandas as pd
 import pytest
 import torch
 
-from romgrl.algorithms import ppo, sac
+from romgrl.algorithms import ppo
 from romgrl.artifacts import load_tensors, save_arrays, save_tensors
 from romgrl.config import Config
 from romgrl.errors import ArtifactError
@@ -24,6 +24,7 @@ from romgrl.stages import evaluation, reference, report, student
 from romgrl.stages.inputs import DISTANCE_COLUMNS
 from romgrl.stages.walkers import humanoid_model
 from tests.gait.synthetic import DT, run
+from tests.walkers import write_walker
 
 Arrays = dict[str, Any]
 STEPS = 360
@@ -51,27 +52,6 @@ def rollout_arrays(config: Config) -> Arrays:
         arrays[f"{name}_upright"] = np.ones(size, bool)
         arrays[f"{name}_states"] = np.zeros((size[1], 48), np.float32)
     return arrays
-
-
-def walker(path: Path, *, actions: int = 21, columns: int = 10, humanoid: str) -> None:
-    learner = sac.SAC(
-        observation_size=10,
-        action_size=actions,
-        hidden_sizes=[8],
-        layer_norm=False,
-        policy_learning_rate=1e-3,
-        critic_learning_rate=1e-3,
-        temperature_learning_rate=1e-3,
-        initial_temperature=0.1,
-        target_entropy_scale=0.5,
-        gamma=0.98,
-        tau=0.01,
-        policy_delay=2,
-        critic_target="mean",
-        policy_average=0.9,
-        seed=0,
-    )
-    sac.save_policy(path, learner, torch.arange(columns - 10, columns), torch.zeros(10), torch.ones(10), humanoid)
 
 
 def teacher(path: Path, *, observation: int = 20, hidden: int = 32, activation: str = "tanh") -> None:
@@ -107,7 +87,7 @@ class Bench:
         save_arrays(self.inputs["evaluation"] / "rollouts.npz", rollout_arrays(config))
         teacher(self.inputs["teacher"] / "policy.safetensors", activation=config.teacher.activation)
         for name in ("student", "baseline"):
-            walker(self.inputs[name] / "policy.safetensors", humanoid=self.fingerprint)
+            write_walker(self.inputs[name] / "policy.safetensors", humanoid=self.fingerprint)
         columns = ["channel", "alignment", "baseline", "student", "reduction_percent", "teacher_floor", "note"]
         self.table("mse", pd.DataFrame([["average", "raw", 1.0, 1.0, 0.0, 0.0, "ok"]], columns=columns))
         columns = ["walker", "episodes", "falls", "steady_speed_m_per_s", "stride_frequency_hz", "trunk_lean_deg"]
@@ -161,7 +141,7 @@ def mse(bench: Bench, change: Callable[[pd.DataFrame], pd.DataFrame], name: str 
 
 def taller(bench: Bench) -> None:
     other = replace(bench.config, humanoid=replace(bench.config.humanoid, height=1.9))
-    walker(bench.inputs["student"] / "policy.safetensors", humanoid=model.fingerprint(humanoid_model(other)))
+    write_walker(bench.inputs["student"] / "policy.safetensors", humanoid=model.fingerprint(humanoid_model(other)))
 
 
 Spoil = Callable[[Bench], object]
@@ -213,19 +193,19 @@ CASES: dict[str, tuple[str, str, Spoil, str]] = {
     "the student's policy for the model": (
         "reference",
         "teacher/policy.safetensors",
-        lambda b: walker(b.inputs["teacher"] / "policy.safetensors", humanoid="x"),
+        lambda b: write_walker(b.inputs["teacher"] / "policy.safetensors", humanoid="x"),
         "algorithm sac; needed: ppo",
     ),
     "twenty actions": (
         "evaluation",
         "baseline/policy.safetensors",
-        lambda b: walker(b.inputs["baseline"] / "policy.safetensors", actions=20, humanoid=b.fingerprint),
+        lambda b: write_walker(b.inputs["baseline"] / "policy.safetensors", actions=20, humanoid=b.fingerprint),
         "20 actions; needed: 21",
     ),
     "observations that are not there": (
         "evaluation",
         "student/policy.safetensors",
-        lambda b: walker(b.inputs["student"] / "policy.safetensors", columns=400, humanoid=b.fingerprint),
+        lambda b: write_walker(b.inputs["student"] / "policy.safetensors", columns=400, humanoid=b.fingerprint),
         "columns from 390 to 399; needed: below 358",
     ),
     "another humanoid": ("evaluation", "student/policy.safetensors", taller, "humanoid "),

@@ -10,10 +10,8 @@ import mujoco
 import numpy as np
 import pandas as pd
 import pytest
-import torch
 from numpy.typing import NDArray
 
-from romgrl.algorithms.sac import SAC, save_policy
 from romgrl.artifacts import load_arrays, save_arrays
 from romgrl.config import Config
 from romgrl.errors import ArtifactError, ConfigurationError
@@ -24,6 +22,7 @@ from romgrl.stages import evaluation
 from romgrl.stages.inputs import DISTANCE_COLUMNS
 from romgrl.stages.walkers import humanoid_model
 from tests.gait.synthetic import DT, run
+from tests.walkers import write_walker
 
 
 class TwoWalkers:
@@ -114,7 +113,7 @@ def test_stage_writes_the_fixed_files(smoke_config: Config, tmp_path: Path) -> N
         path.mkdir()
     write_reference(inputs["reference"])
     for seed, name in enumerate(("student", "baseline")):
-        write_policy(inputs[name] / "policy.safetensors", seed, humanoid=fingerprint(humanoid_model(config)))
+        write_walker(inputs[name] / "policy.safetensors", seed=seed, humanoid=fingerprint(humanoid_model(config)))
     log = SilentLog()
     evaluation.run(config, inputs, tmp_path, log)
     size = (config.evaluation.episodes, config.evaluation.steps)
@@ -163,24 +162,3 @@ def write_reference(directory: Path, dt: float = DT) -> None:
         "speed": 4.0,
     }
     save_arrays(directory / "reference.npz", arrays)
-
-
-def write_policy(path: Path, seed: int, humanoid: str) -> None:
-    sac = SAC(
-        observation_size=10,
-        action_size=21,
-        hidden_sizes=[8],
-        layer_norm=False,
-        policy_learning_rate=1e-3,
-        critic_learning_rate=1e-3,
-        temperature_learning_rate=1e-3,
-        initial_temperature=0.1,
-        target_entropy_scale=0.5,
-        gamma=0.98,
-        tau=0.01,
-        policy_delay=2,
-        critic_target="mean",
-        policy_average=0.9,
-        seed=seed,
-    )
-    save_policy(path, sac, torch.arange(10), torch.zeros(10), torch.ones(10), humanoid)

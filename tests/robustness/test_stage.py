@@ -16,7 +16,7 @@ from romgrl.stages import robustness
 from romgrl.stages.walkers import humanoid_model
 from romgrl.summary import robustness_metrics
 from tests.conftest import Composer
-from tests.gait.test_evaluation import write_policy
+from tests.walkers import write_walker
 
 COLUMNS = [
     "perturbation",
@@ -50,7 +50,9 @@ def inputs(smoke_config: Config, tmp_path: Path) -> dict[str, Path]:
     """Two walkers that know nothing."""
     for seed, name in enumerate(("student", "baseline")):
         (tmp_path / name).mkdir()
-        write_policy(tmp_path / name / "policy.safetensors", seed, humanoid=fingerprint(humanoid_model(smoke_config)))
+        write_walker(
+            tmp_path / name / "policy.safetensors", seed=seed, humanoid=fingerprint(humanoid_model(smoke_config))
+        )
     return {name: tmp_path / name for name in ("student", "baseline")}
 
 
