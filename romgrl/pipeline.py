@@ -88,7 +88,10 @@ def show_verdicts(config: Config, name: str, console: Console) -> dict[str, Path
 
     console.width = max(console.width, WIDEST_TABLE)
     for each in verify(config, [] if name == "job" else redacted(name).split(" ")):
-        console.print(each, markup=False, highlight=False, soft_wrap=isinstance(each, str))
+        if isinstance(each, str):
+            console.print(each, markup=False, highlight=False, soft_wrap=True)
+        else:
+            console.print(each.rich())
     return {}
 
 

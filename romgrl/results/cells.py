@@ -73,7 +73,7 @@ def result(sweep: Sweep, job: list[str], outputs: Path, known: Catalogue) -> Job
     own = settings(job)
     swept = {key: own.get(key, "default") for key in sweep.swept}
     if end.error is not None:
-        return JobResult(swept, end, {}, error=end.error)
+        return JobResult(swept, end, {}, error=end.error.replace(f"{outputs}/", ""))
     places = {stage: located(outputs, Path(path)) for stage, path in end.artifacts.items()}
     try:
         if "evaluation" in places:
@@ -84,7 +84,7 @@ def result(sweep: Sweep, job: list[str], outputs: Path, known: Catalogue) -> Job
             short = short_budgets(known_manifest(places["teacher"], known).config, sweep.usual)
             return JobResult(swept, end, with_falls(result_metrics(places["teacher"])), short=short)
     except ArtifactError as error:
-        return JobResult(swept, end, {}, error=str(error))
+        return JobResult(swept, end, {}, error=str(error).replace(f"{outputs}/", ""))
     return JobResult(swept, end, {})
 
 

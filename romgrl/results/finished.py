@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -152,11 +152,10 @@ class Selection:
         """The seeds, ascending."""
         return [each.manifest.seed for each in self.used]
 
-    @property
-    def codes(self) -> int:
-        """By how many versions of code and libraries they were made."""
-        versions = {(each.manifest.revision, json.dumps(each.manifest.versions, sort_keys=True)) for each in self.used}
-        return len(versions)
+
+def codes(evaluations: Sequence[Evaluation]) -> int:
+    """By how many versions of code and libraries evaluations were made."""
+    return len({(each.manifest.revision, json.dumps(each.manifest.versions, sort_keys=True)) for each in evaluations})
 
 
 def select(outputs: Path, config: Config) -> Selection:

@@ -35,15 +35,21 @@ DRAWN = {"average/aligned/reduction_percent", "teacher/falls_percent"}
 def write_joint(sweep: Sweep, outputs: Path) -> Path:
     """Write everything that the jobs of a sweep say together; returns the directory."""
     directory = sweep.directory / RESULTS
-    directory.mkdir(parents=True, exist_ok=True)
     found = results(sweep, outputs)
+    cells, _ = write_tables(sweep, found, directory)
+    (directory / "table.md").write_text("\n".join([f"# {sweep.title}", "", joint_table(cells), *failures(found)]))
+    return directory
+
+
+def write_tables(sweep: Sweep, found: list[JobResult], directory: Path) -> tuple[pd.DataFrame, list[Path]]:
+    """jobs.csv, cells.csv and the figures; returns the cells and the paths, without those of PDFs."""
+    directory.mkdir(parents=True, exist_ok=True)
     jobs, cells = jobs_table(found), cells_table(found)
     jobs.to_csv(directory / "jobs.csv", index=False)
     cells.to_csv(directory / "cells.csv", index=False)
-    (directory / "table.md").write_text("\n".join([f"# {sweep.title}", "", joint_table(cells), *failures(found)]))
     if set(cells.get("number", ())) & DRAWN:
         draw(cells, jobs, sweep.title, directory)
-    return directory
+    return cells, [path for path in sorted(directory.iterdir()) if path.suffix in (".csv", ".png")]
 
 
 def draw(cells: pd.DataFrame, jobs: pd.DataFrame, title: str, directory: Path) -> None:

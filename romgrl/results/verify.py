@@ -7,8 +7,6 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
-from rich.table import Table
-
 from romgrl.config import Config
 from romgrl.errors import ArtifactError
 from romgrl.gait.features import CHANNELS
@@ -22,7 +20,8 @@ from romgrl.results.claims import (
     known,
     read_claims,
 )
-from romgrl.results.finished import Evaluation, Selection, select
+from romgrl.results.finished import Evaluation, Selection, codes, select
+from romgrl.results.sheet import Sheet
 from romgrl.results.statistics import (
     Interval,
     improvement_interval,
@@ -35,7 +34,7 @@ WILD = 0.5  # coefficient of variation of the baseline's error over seeds from w
 LISTED = 10  # reasons why evaluations are left out
 
 
-def verify(config: Config, command: Sequence[str]) -> list[str | Table]:
+def verify(config: Config, command: Sequence[str]) -> list[str | Sheet]:
     """What there is to print. `command`: the overrides of this run, repeated in the command that makes what is missing.
 
     Raises ArtifactError where no evaluation of this configuration is finished.
@@ -49,12 +48,12 @@ def verify(config: Config, command: Sequence[str]) -> list[str | Table]:
         why = f" ({len(selection.left_out)} with other settings or damaged)" if selection.left_out else ""
         raise ArtifactError(f"{outputs}: no finished evaluation of this configuration{why}; {making.strip()} makes it")
     findings = [find(claim, selection.used) for claim in claims_for(selection.used[0].settings, read_claims())]
-    lines: list[str | Table] = [*provenance(config, selection)]
+    lines: list[str | Sheet] = [*provenance(config, selection)]
     if findings:
-        lines.append(claims_table(findings))
+        lines.append(claims_sheet(findings))
     else:
         lines.append(f"no claim is made about {config.speed:g} m/s")
-    lines += [errors_table(selection.used), baseline_table(selection.used), *warnings(selection)]
+    lines += [errors_sheet(selection.used), baseline_sheet(selection.used), *warnings(selection.used)]
     if any(finding.verdict == TOO_FEW for finding in findings):
         lines.append(f"more seeds: {making.strip()}")
     return lines
@@ -79,42 +78,31 @@ def provenance(config: Config, selection: Selection) -> list[str]:
     return lines
 
 
-def claims_table(findings: Sequence[Finding]) -> Table:
+def claims_sheet(findings: Sequence[Finding]) -> Sheet:
     """Claim by claim: what is expected, what was found, the verdict."""
-    table = Table(title="Claims; in brackets the 95 % interval over seeds", title_justify="left")
-    for name in ("claim", "by"):
-        table.add_column(name)
-    for name in ("expected", "found"):
-        table.add_column(name, justify="right")
-    table.add_column("seeds", justify="right")
-    table.add_column("judged by", no_wrap=True)
-    table.add_column("verdict", no_wrap=True)
+    rows = []
     for finding in findings:
         claim = finding.claim
-        found = with_interval(finding.estimate, finding.interval)
-        if claim.than is not None:
-            found = f"P = {found}"
+        found = ("P = " if claim.than is not None else "") + with_interval(finding.estimate, finding.interval)
         without = sum(map(math.isnan, finding.values))
         seeds = f"{len(finding.values)}" + (f" ({without} without)" if without else "")
-        table.add_row(
-            claim.id, claim.source, claim.expected, found, seeds, claim.judged_by.replace("_", " "), finding.verdict
-        )
-    return table
+        judged = claim.judged_by.replace("_", " ")
+        rows.append((claim.id, claim.source, claim.expected, found, seeds, judged, finding.verdict))
+    columns = ("claim", "by", "expected", "found", "seeds", "judged by", "verdict")
+    names = ("claim", "by", "judged by", "verdict")
+    return Sheet("Claims; in brackets the 95 % interval over seeds", columns, rows, names)
 
 
-def errors_table(evaluations: Sequence[Evaluation]) -> Table:
+def errors_sheet(evaluations: Sequence[Evaluation]) -> Sheet:
     """Errors aligned and raw, their reduction as mean and interquartile mean, and the probability of improvement."""
-    table = Table(title="Error against the reference, mean over seeds (m²)", title_justify="left")
-    table.add_column("channel", no_wrap=True)
-    for name in ("baseline", "ROM-GRL", "reduction %", "IQM of it %", "P(improvement)"):
-        table.add_column(name, justify="right")
+    rows = []
     for alignment in ALIGNMENTS:
         for channel in (*CHANNELS, "average"):
             prefix = f"{channel}/{alignment}"
             student, baseline = (column(evaluations, f"{prefix}/{name}") for name in ("student", "baseline"))
             reduction = summarize(column(evaluations, f"{prefix}/reduction_percent"))
             ours, theirs = -known(student), -known(baseline)
-            table.add_row(
+            row = (
                 f"{channel}, {alignment}",
                 short(summarize(baseline).mean),
                 short(summarize(student).mean),
@@ -122,28 +110,27 @@ def errors_table(evaluations: Sequence[Evaluation]) -> Table:
                 with_interval(reduction.iqm, reduction.iqm_interval),
                 with_interval(probability_of_improvement(ours, theirs), improvement_interval(ours, theirs)),
             )
-        table.add_section()
-    return table
+            rows.append(row)
+    columns = ("channel", "baseline", "ROM-GRL", "reduction %", "IQM of it %", "P(improvement)")
+    return Sheet("Error against the reference, mean over seeds (m²)", columns, rows, ("channel",))
 
 
-def baseline_table(evaluations: Sequence[Evaluation]) -> Table:
+def baseline_sheet(evaluations: Sequence[Evaluation]) -> Sheet:
     """How far the baseline's aligned error spreads over the seeds."""
-    table = Table(title="Baseline's aligned error over seeds (m²)", title_justify="left")
-    table.add_column("channel", no_wrap=True)
-    for name in ("mean", "deviation", "variation", "smallest", "largest"):
-        table.add_column(name, justify="right")
+    rows = []
     for channel in (*CHANNELS, "average"):
         summary = summarize(column(evaluations, f"{channel}/aligned/baseline"))
         numbers = (summary.mean, summary.deviation, summary.variation, summary.smallest, summary.largest)
-        table.add_row(channel, *map(short, numbers))
-    return table
+        rows.append((channel, *map(short, numbers)))
+    columns = ("channel", "mean", "deviation", "variation", "smallest", "largest")
+    return Sheet("Baseline's aligned error over seeds (m²)", columns, rows, ("channel",))
 
 
-def warnings(selection: Selection) -> list[str]:
+def warnings(evaluations: Sequence[Evaluation]) -> list[str]:
     """What makes the numbers above say less than they seem to."""
     lines = []
     summaries = {
-        channel: summarize(column(selection.used, f"{channel}/aligned/baseline")) for channel in (*CHANNELS, "average")
+        channel: summarize(column(evaluations, f"{channel}/aligned/baseline")) for channel in (*CHANNELS, "average")
     }
     wild = [f"{channel} {summary.variation:.0%}" for channel, summary in summaries.items() if summary.variation > WILD]
     if wild:
@@ -151,14 +138,14 @@ def warnings(selection: Selection) -> list[str]:
             f"warning: the baseline varies wildly over seeds ({', '.join(wild)}; deviation above {WILD:.0%} of "
             "the mean): a reduction against it says little; compare the errors themselves"
         )
-    fallen = [each.manifest.seed for each in selection.used if "average/aligned/reduction_percent" not in each.numbers]
+    fallen = [each.manifest.seed for each in evaluations if "average/aligned/reduction_percent" not in each.numbers]
     if fallen:
         lines.append(
             f"warning: seed {', '.join(map(str, fallen))}: student or baseline fell in more than half of the "
             "episodes, so there is no error to compare; it counts against every claim about errors"
         )
-    if selection.codes > 1:
-        lines.append(f"warning: {selection.codes} versions of code or libraries made these evaluations")
+    if codes(evaluations) > 1:
+        lines.append(f"warning: {codes(evaluations)} versions of code or libraries made these evaluations")
     return lines
 
 

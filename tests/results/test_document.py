@@ -1,0 +1,96 @@
+"""docs/results.md and the README's table from sweeps."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from romgrl.config import Config
+from romgrl.results import joint, statistics
+from romgrl.results.__main__ import main
+from romgrl.results.document import public
+from romgrl.results.readme import END, START
+from romgrl.results.sweeps import SWEEP_VARIABLE
+from tests.results.chains import changed
+from tests.results.test_sweeps import swept
+
+
+@pytest.fixture(autouse=True)
+def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(statistics, "RESAMPLES", 999)
+    monkeypatch.setattr(joint, "draw", lambda cells, jobs, title, directory: (directory / "by_x.png").write_text(title))
+    monkeypatch.setenv(SWEEP_VARIABLE, "")
+
+
+def stored(outputs: Path, config: Config, place: str, name: str, values: dict[str, list[str]], fail: str = "-") -> None:
+    """A sweep of the file `name`, in its own directory."""
+    sweep = swept(outputs, config, values, fail=fail)
+    path = sweep.directory / "sweep.json"
+    command = f"python -m romgrl --config-dir /home/me/sweeps --config-name {name} paths.outputs=/home/me/o"
+    path.write_text(
+        json.dumps(json.loads(path.read_text()) | {"name": name, "command": command, "started": len(place)})
+    )
+    sweep.directory.rename(outputs / "sweeps" / place)
+
+
+def test_every_sweep_with_its_command_its_tables_and_its_proofs(default_config: Config, tmp_path: Path) -> None:
+    outputs, docs = tmp_path / "outputs", tmp_path / "docs"
+    values = {"speed": ["4.0", "1.0"], "seed": ["0", "1", "2"]}
+    stored(outputs, default_config, "a", "paper", values, fail="speed=1.0 seed=2")
+    stored(outputs, default_config, "aa", "paper", {"speed": ["4.0"], "seed": ["3"]})  # more seeds, another time
+    stored(outputs, changed(default_config, "student.total_steps=1000"), "aaa", "eta", {"eta": ["0.3", "0.7"]})
+    for path in outputs.glob("sweeps/aaa/sweep.json"):
+        path.write_text(json.dumps(json.loads(path.read_text()) | {"usual": {"student.total_steps": 2000}}))
+    readme = tmp_path / "README.md"
+    readme.write_text(f"before\n{START}\nold\n{END}\nafter\n")
+    assert main([str(outputs), str(docs), str(readme)]) == 0
+    text = (docs / "results.md").read_text()
+    assert text.count("    python -m romgrl --config-dir sweeps --config-name paper\n") == 1
+    assert str(tmp_path) not in text
+    assert "/home" not in text
+    assert "6 of 7 jobs finished" in text
+    assert "- speed=1.0 seed=2: student: loss = nan at step 7" in text
+    assert "### Claims at 4 m/s, teacher of 4 m/s\n\nSeeds 0, 1, 2, 3.\n" in text
+    assert "| average reduction | Table 1 | ≥ 44.4 % | 81.2 [80.2, 82.2] | 4 | interval | reproduced |" in text
+    assert "### Claims at 1 m/s, teacher of 4 m/s\n\nSeeds 0, 1.\n" in text
+    assert text.count("one seed, short budget") == 2  # the cells of eta
+    assert "![eta, by_x](results/eta_by_x.png)" in text
+    claims = pd.read_csv(docs / "results" / "paper_claims_4_teacher_4.csv")
+    assert set(claims["verdict"]) >= {"reproduced", "not reproduced", "reached", "evaluated too briefly"}
+    jobs = pd.read_csv(docs / "results" / "paper_jobs.csv")
+    assert jobs["seed"].tolist() == [0, 1, 2, 0, 1, 2, 3]
+    for digest in jobs["digest"].dropna():
+        assert f"| {digest[:16]} |" in text
+
+    table = readme.read_text()
+    assert table.startswith("before\n")
+    assert table.endswith("after\n")
+    assert "old" not in table
+    assert "| measure | 4 m/s, seed 0 | 4 m/s, seed 1 | 4 m/s, seed 2 | 4 m/s, seed 3 | 4 m/s, mean |" in table
+    assert "| aligned error, average: reduction [%] | 80 | 80.91 | 81.67 | 82.31 | 81.22 |" in table
+
+
+def test_a_second_writing_replaces_the_first(default_config: Config, tmp_path: Path) -> None:
+    stored(tmp_path, default_config, "a", "eta", {"eta": ["0.3", "0.7"]})
+    assert main([str(tmp_path), str(tmp_path / "docs")]) == 0
+    (tmp_path / "docs" / "results" / "eta_by_noise.png").write_text("of an older sweep")
+    first = (tmp_path / "docs" / "results.md").read_text()
+    assert main([str(tmp_path), str(tmp_path / "docs")]) == 0
+    assert (tmp_path / "docs" / "results.md").read_text() == first
+    names = sorted(path.name for path in (tmp_path / "docs" / "results").iterdir())
+    assert names == ["eta_by_x.png", "eta_cells.csv", "eta_jobs.csv"]
+
+
+def test_nothing_to_write_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([str(tmp_path), str(tmp_path / "docs")]) == 3
+    assert "holds no sweep; python -m romgrl --config-dir sweeps" in capsys.readouterr().err
+    assert not (tmp_path / "docs").exists()
+    assert main([]) == 2
+
+
+def test_a_command_is_shown_without_its_machine() -> None:
+    command = "python -m romgrl -m --config-dir=/home/me/sweeps speed=1,4 'tracking.uri=http://me:x@host' humanoid.xml=/a/b.xml"
+    assert public(command) == "python -m romgrl -m --config-dir=sweeps speed=1,4 humanoid.xml=b.xml"
