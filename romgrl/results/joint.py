@@ -64,7 +64,7 @@ def draw(cells: pd.DataFrame, jobs: pd.DataFrame, title: str, directory: Path) -
 def joint_table(cells: pd.DataFrame) -> str:
     """One row per cell: mean [95% interval] of the main numbers, probability of improvement, seeds, what to know."""
     if cells.empty:
-        return "No job has finished.\n"
+        return "No job has numbers to compare.\n"
     keys = [name for name in cells.columns[: list(cells.columns).index("number")] if name != SEED]
     columns = COLUMNS if "average/raw/reduction_percent" in set(cells["number"]) else TEACHER_COLUMNS
     rows = []

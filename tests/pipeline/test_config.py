@@ -13,12 +13,12 @@ from omegaconf import OmegaConf
 
 from romgrl import config_docs, misfits
 from romgrl.command_line import faults
-from romgrl.composition import CONF
+from romgrl.composition import CONF, to_config
 from romgrl.config import OPTIONAL_STAGES, STAGES, Config
 from romgrl.errors import ConfigurationError
 from romgrl.humanoid.human import human_spec
 from romgrl.misfits import validate
-from romgrl.validation import schema_keys, value_of
+from romgrl.validation import schema_groups, schema_keys, value_of
 from tests.conftest import Composer
 from tests.pipeline.conftest import ROOT, Command
 
@@ -47,14 +47,28 @@ def test_every_choice_composes_and_is_valid(compose_config: Composer, choice: st
         assert section == name
 
 
-@pytest.mark.parametrize("name", ["paper", "eta", "noise", "speed", "teacher"])
+@pytest.mark.parametrize("name", ["paper", "eta", "noise", "speed", "discriminator", "teacher"])
 def test_stored_sweeps_compose(name: str, compose_config: Composer) -> None:
     compose_config()
     with initialize_config_dir(str(CONF), version_base="1.3"):
         sweep = compose("config", overrides=[f"hydra.searchpath=[file://{ROOT}/sweeps]"], return_hydra_config=True)
         assert sweep.hydra.output_subdir is None
     parameters = OmegaConf.load(ROOT / "sweeps" / f"{name}.yaml").hydra.sweeper.params
-    assert set(parameters) <= set(schema_keys())
+    assert set(parameters) <= {*schema_keys(), *schema_groups()}
+
+
+def test_the_variants_of_the_discriminator_are_the_default_with_one_change(compose_config: Composer) -> None:
+    names = OmegaConf.load(ROOT / "sweeps" / "discriminator.yaml").hydra.sweeper.params.discriminator.split(",")
+    stored = {path.stem for path in (ROOT / "sweeps" / "discriminator").glob("*.yaml")}
+    assert stored == set(names) - {"tuned", "paper"}
+    default = vars(compose_config().discriminator)
+    search = f"hydra.searchpath=[file://{ROOT}/sweeps]"
+    for name in stored:
+        with initialize_config_dir(str(CONF), version_base="1.3"):
+            config = to_config(compose("config", overrides=[search, f"discriminator={name}"]))
+        validate(config)
+        changed = {key for key, value in vars(config.discriminator).items() if value != default[key]}
+        assert len(changed) == 1, (name, changed)
 
 
 def test_the_papers_numbers(compose_config: Composer) -> None:

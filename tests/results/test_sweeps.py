@@ -91,7 +91,7 @@ def test_jobs_that_were_lost_and_artifacts_that_are_damaged(default_config: Conf
     (tmp_path / "sweeps" / "2030-01-01" / "jobs.jsonl").write_text("")
     directory = write_joint(read_sweep(sweep.directory), tmp_path)
     assert (directory / "table.md").read_text().count(UNFINISHED) == 2
-    assert "No job has finished." in (directory / "table.md").read_text()
+    assert "No job has numbers to compare." in (directory / "table.md").read_text()
     for path in tmp_path.glob("artifacts/evaluation/*/mse.csv"):
         path.write_text("damaged\n")
     directory = write_joint(sweep, tmp_path)
