@@ -124,6 +124,12 @@ class ReplayBuffer:
         _mirror_half(frames, self.mirrors[2])
         return frames
 
+    def newest_frames(self, size: int) -> Tensor:
+        """The last windows of gait features, (at most `size`, frame_size), as they were stored."""
+        count = min(self.added, self.rows, max(1, size // self.num_envs))
+        index = torch.arange(self.added - count, self.added, device=self.frames.device) % self.rows
+        return self.frames.index_select(0, index).flatten(0, 1)
+
     def state(self) -> dict[str, Any]:
         """Everything but the rows: counters, random stream, and the observation that the newest row led to."""
         following = self.observation[self.added % self.rows]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import threading
 import time
 from collections.abc import Mapping
@@ -29,6 +30,12 @@ from romgrl.recorder import RecordedRun, Recorder
 from romgrl.remote import fetch_artifact
 from romgrl.worker import Runner, working_lock
 from romgrl.workspace import Workspace
+
+
+def health_tags(directory: Path) -> dict[str, str]:
+    """What a training found wrong with its discriminator, as a tag of its run; none where it has none."""
+    path = directory / "health.json"
+    return {"romgrl.discriminator_health": json.loads(path.read_text())["verdict"]} if path.exists() else {}
 
 
 @dataclass
@@ -136,6 +143,7 @@ class Job:
                 threads=threads,
             )
             publish(workspace.partial, directory)
+            run.tags(health_tags(directory))
             run.artifacts(directory)
             workspace.close()
             status = "FINISHED"

@@ -105,6 +105,28 @@ class Discriminator:
             "discriminator_validation_loss": self._validate(fake),
         }
 
+    @torch.no_grad()
+    def measures(self, frames: Tensor) -> dict[str, float]:
+        """How it tells the student's windows (B, frame_size) from the teacher's, without noise or dropout.
+
+        `feature_gap` does not ask the network: root mean square over the columns of the difference of means, in
+        standard deviations of the teacher, and of the logarithm of the ratio of the deviations.
+        """
+        self.network.eval()
+        student, teacher, held_out = self.logits(frames), self.logits(self.real), self.logits(self.validation)
+        deviation = self.real.std(0).clamp(min=1e-3)
+        shift = (frames.mean(0) - self.real.mean(0)) / deviation
+        ratio = (frames.std(0).clamp(min=1e-3) / deviation).log()
+        values = {
+            "logit_teacher": teacher.mean(),
+            "logit_student": student.mean(),
+            "logit_spread": torch.cat((teacher, student)).std(),
+            "fit_loss": LOSSES[self.loss](teacher, student, self.label_smoothing),
+            "held_out_loss": LOSSES[self.loss](held_out, student, self.label_smoothing),
+            "feature_gap": torch.cat((shift, ratio)).square().mean().sqrt(),
+        }
+        return {f"discriminator_{name}": float(value) for name, value in values.items()}
+
     def state(self) -> dict[str, Any]:
         """Everything that `restore` needs; dropout draws from torch's own generator."""
         return {

@@ -78,6 +78,12 @@ class RomGrl:
             for group in optimizer.param_groups:
                 group["lr"] = scale * group.setdefault("initial_lr", group["lr"])
 
+    def measures(self, size: int) -> dict[str, float]:
+        """How the discriminator tells the last `size` windows from the teacher's; nothing before it has learned."""
+        if self.discriminator is None or self.discriminator.updates == 0:
+            return {}
+        return self.discriminator.measures(self.buffer.newest_frames(size))
+
     def counts(self) -> dict[str, float]:
         """How often each part was updated, and whether the discriminator has stopped (paper section 4.1.3)."""
         counts = {"updates": float(self.sac.updates)}

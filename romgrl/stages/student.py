@@ -27,6 +27,7 @@ from romgrl.lanes import second_lane, start
 from romgrl.limits import check, check_physics
 from romgrl.normalizer import RunningNormalizer
 from romgrl.progress import StageLog
+from romgrl.stages.health import HealthWatch
 from romgrl.stages.inputs import read_reference
 from romgrl.stages.keeper import Keeper
 from romgrl.stages.tally import EpisodeTally
@@ -192,16 +193,16 @@ def train(
     save: Callable[[], None],
 ) -> None:
     """Act, step and learn: the physics of a step runs beside the updates, which use what was stored before it."""
-    student = config.student
-    device = config.device
+    student, device = config.student, config.device
     trunk = windows.layout.trunk
     tally = EpisodeTally(env.num_envs, config.humanoid.control_frequency)
     observation, info = env.reset(seed=config.seed)
     windows.restart(frame(info, trunk, ""))
     loop = Loop(torch.from_numpy(observation).to(device))
+    health = HealthWatch(config, output, log)
     keeper = Keeper(
         output,
-        {"loop": loop, "env": env, "windows": windows, "learner": learner, "tally": tally},
+        {"loop": loop, "env": env, "windows": windows, "learner": learner, "tally": tally, "health": health},
         ring=learner.buffer,
         save_policy=save,
         seconds=config.checkpoint_seconds,
@@ -243,17 +244,20 @@ def train(
             loop.metrics |= judged()
             done = step + env.num_envs
             if done % LOG_INTERVAL < env.num_envs or done >= student.total_steps:
-                tell(log, loop, tally, learner, done, student.total_steps)
+                tell(log, loop, tally, learner, health, done, student.total_steps)
             if learner.just_stopped():
                 log.message(f"the discriminator stopped at step {done:,}: no better on held-out windows")
             keeper.keep(done)
 
 
-def tell(log: StageLog, loop: Loop, tally: EpisodeTally, learner: RomGrl, step: int, total: int) -> None:
-    """Write a row of the learning curve."""
-    values = loop.numbers() | tally.take()
-    log.metrics(values | learner.counts(), step)
+def tell(
+    log: StageLog, loop: Loop, tally: EpisodeTally, learner: RomGrl, health: HealthWatch, step: int, total: int
+) -> None:
+    """Write a row of the learning curve, and say what is wrong with the discriminator."""
+    values = loop.numbers() | tally.take() | learner.counts() | learner.measures(LOG_INTERVAL)
+    log.metrics(values, step)
     log.progress(step, total, speed=values["speed"], episode=values["episode_seconds"])
+    health.add(values, step)
 
 
 def frame(info: dict[str, NDArray[np.float32]], trunk: bool, prefix: str) -> NDArray[np.float32]:
