@@ -78,7 +78,9 @@ class HealthWatch:
         running: dict[str, dict[str, str | int]] = {}
         for row, names in zip(self._rows, self._names, strict=True):
             step = int(row["step"])
-            begun = {name: {"name": name, "first_step": step} for name in names if name not in running}
+            begun: dict[str, dict[str, str | int]] = {
+                name: {"name": name, "first_step": step} for name in names if name not in running
+            }
             spells += begun.values()
             running = {name: running.get(name) or begun[name] for name in names}
             for spell in running.values():
