@@ -40,7 +40,8 @@ def test_the_readme_shows_its_two_commands_and_four_usages() -> None:
 
 @pytest.mark.parametrize("line", ROMGRL)
 def test_romgrl(line: str, command: Command) -> None:
-    result = command(*shlex.split(line)[3:], "tracking=none")
+    one_seed = ["seed=0"] if "--config-name" in line else []  # of a stored sweep
+    result = command(*shlex.split(line)[3:], *one_seed, "tracking=none")
     assert result.returncode == 0, result.stderr
 
 
