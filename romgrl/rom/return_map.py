@@ -1,0 +1,188 @@
+"""The stride of the reduced-order model as a return map, from one passing of the legs to the next.
+
+The section is where the left foot passes the right one forwards: in the middle of a stance in running and walking, away
+from touchdown and take-off. The policy acts at a fixed rate that is no multiple of the stride's, so that the share of a
+control step that has passed at the section differs from stride to stride. The worlds are therefore stepped by single
+substeps, each with its own clock, its action held in between, which is the motion of the vector environment bit for
+bit; the crossing is interpolated within a substep.
+
+A state on the section has as coordinates the trunk (x and the last touchdown's x, both relative to the foot; y;
+velocities; pitch if it is free), the feet (y, velocities), and of each leg the motor's torque, the shortening and the
+last touchdown angle. The clock and the action that is held go with the world and are no coordinates.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from romgrl.rom.parameters import SpringLegParameters
+from romgrl.rom.vector_env import SpringLegVectorEnv
+
+Array = NDArray[np.float64]
+Policy = Callable[[NDArray[np.float32]], NDArray[np.float32]]
+
+GRAVITY = 9.81
+LONGEST_STRIDE = 3.0  # s
+PREVIOUS_ACTION = slice(30, 32)  # columns of a saved world: cpp/state.hpp and Episode::save
+TRUNK = {"trunk_x": 0, "trunk_y": 1, "trunk_vx": 3, "trunk_vy": 4}
+PITCH = {"pitch": 2, "pitch_rate": 5}
+ORIGIN, TOUCHDOWN_X, LEFT_SLOT = 19, 20, 18
+FOOT = {"y": 1, "vx": 3, "vy": 4}  # from the first column of a foot: 6 or 12
+LEG = {"torque": 0, "shortening": 1, "touchdown_angle": 2}  # from the first column of a leg: 22 or 26
+SIDES = ("left", "right")
+
+
+@dataclass
+class Walkers:
+    """Worlds (B, S) as `SpringLegVectorEnv.save` has them, substeps since the last action (B,), that action (B, 2)."""
+
+    states: Array
+    elapsed: NDArray[np.int64]
+    action: NDArray[np.float32]
+
+    def take(self, others: Walkers, chosen: NDArray[np.bool_]) -> None:
+        """Replace the chosen rows (B,) by those of `others`."""
+        for own, other in ((self.states, others.states), (self.elapsed, others.elapsed), (self.action, others.action)):
+            own[chosen] = other[chosen]
+
+    def tiled(self, times: int) -> Walkers:
+        """`times` copies one after the other."""
+        return Walkers(np.tile(self.states, (times, 1)), np.tile(self.elapsed, times), np.tile(self.action, (times, 1)))
+
+    def rows(self, chosen: NDArray[np.bool_]) -> Walkers:
+        """The chosen ones."""
+        return Walkers(self.states[chosen], self.elapsed[chosen], self.action[chosen])
+
+
+@dataclass(frozen=True)
+class Crossing:
+    """Where B worlds cross the section: coordinates (B, n), nan where one fell or stood; contact (B, 2) of the feet.
+
+    walkers: the worlds at the end of that substep; time (B,) s since the start.
+    """
+
+    coordinates: Array
+    walkers: Walkers
+    contact: NDArray[np.bool_]
+    time: Array
+
+
+class StrideMap:
+    """Strides of a policy's worlds at `speed`, acting `control_frequency` times per second."""
+
+    def __init__(
+        self,
+        policy: Policy,
+        parameters: SpringLegParameters,
+        *,
+        speed: float,
+        control_frequency: float,
+        threads: int = 1,
+    ) -> None:
+        self.policy, self.speed, self.threads = policy, speed, threads
+        self.substeps = parameters.substeps
+        self.parameters = replace(parameters, substeps=1)
+        self.frequency = control_frequency * self.substeps
+        self.names = (*TRUNK, *(() if parameters.trunk_locked else PITCH), "touchdown_x")
+        self.names += tuple(f"{side}_foot_{name}" for side in SIDES for name in FOOT)
+        self.names += tuple(f"{side}_{name}" for side in SIDES for name in LEG)
+
+    @property
+    def scales(self) -> Array:
+        """Unit of each coordinate (n,): leg length, sqrt(g L0), sqrt(g / L0), largest torque, rad."""
+        length, torque = self.parameters.leg_length, self.parameters.hip_torque
+        speed = np.sqrt(GRAVITY * length)
+        endings = {"_x": length, "_y": length, "_vx": speed, "_vy": speed, "_rate": speed / length, "torque": torque}
+        endings |= {"shortening": length}
+        return np.array([next((v for end, v in endings.items() if name.endswith(end)), 1.0) for name in self.names])
+
+    def settled(self, worlds: int, *, strides: int, seed: int) -> Crossing:
+        """`worlds` random starts after `strides` strides."""
+        env = self._worlds(worlds)
+        env.reset(seed=seed)
+        states = env.save()
+        env.close()
+        start = Walkers(states, np.full(worlds, self.substeps), np.zeros((worlds, 2), np.float32))
+        return self.walk(start, strides=strides)
+
+    def walk(self, start: Walkers, *, strides: int = 1) -> Crossing:
+        """Let all go on until they have crossed the section `strides` times."""
+        worlds = len(start.states)
+        now, end = start.tiled(1), start.tiled(1)
+        env = self._worlds(worlds)
+        now.states[:, PREVIOUS_ACTION] = now.action
+        observation, _ = env.restore(now.states)
+        place, gap = self._motion(now.states)
+        coordinates = np.full((worlds, len(self.names)), np.nan)
+        contact, time = np.zeros((worlds, 2), bool), np.full(worlds, np.nan)
+        passed, alive = np.zeros(worlds, int), np.ones(worlds, bool)
+        for step in range(round(LONGEST_STRIDE * self.frequency * strides)):
+            due = now.elapsed >= self.substeps
+            if due.any():
+                now.action[due] = self.policy(observation[due])
+                now.elapsed[due] = 0
+            observation, _, terminated, _, info = env.step(now.action)
+            now.states = env.save()
+            place_after, gap_after = self._motion(now.states)
+            alive &= ~terminated
+            crossed = alive & (gap < 0) & (gap_after >= 0)
+            passed += crossed
+            there = crossed & (passed == strides)
+            share = gap[there] / (gap - gap_after)[there]
+            between = place[there] + share[:, None] * (place_after - place)[there]
+            coordinates[there] = between
+            now.elapsed += 1
+            end.take(now, there)
+            contact[there], time[there] = info["contact"][there], (step + share) / self.frequency
+            if (~alive | (passed >= strides)).all():
+                break
+            place, gap = place_after, gap_after
+        env.close()
+        return Crossing(coordinates, end, contact, time)
+
+    def disturbed(self, walkers: Walkers, offsets: Array) -> Walkers:
+        """The same worlds with their coordinates moved by `offsets` (B, n)."""
+        states, named = walkers.states.copy(), dict(zip(self.names, offsets.T, strict=True))
+        for name, column in {**TRUNK, **PITCH}.items():
+            states[:, column] += named.get(name, 0.0) * (-1 if name in PITCH else 1)  # saved counter-clockwise
+        states[:, TOUCHDOWN_X] += named["touchdown_x"]
+        rows = np.arange(len(states))
+        for side, name in enumerate(SIDES):
+            for ending, column in FOOT.items():
+                states[rows, _foot(states, side) + column] += named[f"{name}_foot_{ending}"]
+            for ending, column in LEG.items():
+                states[:, 22 + 4 * side + column] += named[f"{name}_{ending}"]
+        return Walkers(states, walkers.elapsed, walkers.action)
+
+    def _motion(self, states: Array) -> tuple[Array, Array]:
+        """Coordinates (B, n), and by how much (B,) the left foot is ahead of the right."""
+        rows = np.arange(len(states))
+        left, right = (_foot(states, side) for side in range(2))
+        feet = [states[rows, first + column] for first in (left, right) for column in FOOT.values()]
+        legs = [states[:, 22 + 4 * side + column] for side in range(2) for column in LEG.values()]
+        trunk = [states[:, column] for column in TRUNK.values()]
+        trunk[0] = trunk[0] - states[rows, left]
+        pitch = [] if self.parameters.trunk_locked else [-states[:, column] for column in PITCH.values()]
+        touchdown = states[:, TOUCHDOWN_X] - states[:, ORIGIN] - states[rows, left]
+        gap = states[rows, left] - states[rows, right]
+        return np.stack([*trunk, *pitch, touchdown, *feet, *legs], axis=1), gap
+
+    def _worlds(self, count: int) -> SpringLegVectorEnv:
+        return SpringLegVectorEnv(
+            parameters=self.parameters,
+            num_envs=count,
+            speed=self.speed,
+            control_frequency=self.frequency,
+            episode_steps=10**9,
+            num_threads=self.threads,
+        )
+
+
+def _foot(states: Array, side: int) -> NDArray[np.int64]:
+    """First column of the left (0) or right (1) foot of each world."""
+    slot = states[:, LEFT_SLOT].astype(np.int64)
+    return np.asarray(6 + 6 * (slot if side == 0 else 1 - slot))
