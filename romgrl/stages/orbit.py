@@ -16,6 +16,7 @@ DISTURBANCE = 0.04  # of leg length, sqrt(g L0), largest torque and so on; as mu
 WORLDS = 256
 SETTLING_STRIDES = 12
 DECAY_STRIDES = 8
+NO_GAIT = "no gait"
 
 
 def teacher_multipliers(
@@ -34,19 +35,22 @@ def teacher_multipliers(
     """
     start = stride.settled(worlds, strides=SETTLING_STRIDES, seed=seed)
     walking = np.isfinite(start.time)
+    nothing = [_row(1, 1, complex("nan"), float("nan"), float("nan"), worlds, 0, NO_GAIT)]
+    if walking.sum() < 2:
+        return pd.DataFrame(nothing)
     free = free_coordinates(stride, start.contact[walking])
     disturb = _disturber(stride, start.walkers.rows(walking), start.coordinates[walking], free)
     points = (start.coordinates[walking] / stride.scales)[:, free]
     steps = np.full(points.shape[1], disturbance)
     matrices = _complete(jacobians(lambda rows: _walk(stride, disturb(rows), 1, free)[:, 0], points, steps))
     if len(matrices) < 2:
-        return pd.DataFrame([_row(1, 1, complex("nan"), float("nan"), float("nan"), worlds, len(matrices), "no gait")])
+        return pd.DataFrame(nothing)
     one = multipliers(matrices, seed=seed)
     sides = [points + sign * disturbance * one.direction for sign in (1, -1)]
     up, down = np.split(_walk(stride, disturb(np.concatenate(sides)), DECAY_STRIDES, free), 2)
     lasting = _complete((up - down) / (2 * disturbance))
     if len(lasting) < 2:
-        return pd.DataFrame(_rows(1, one, worlds, len(matrices), "no gait"))
+        return pd.DataFrame(_rows(1, one, worlds, len(matrices), NO_GAIT))
     many = decay(lasting @ one.slowest.T, seed=seed)
     rows = _rows(1, one, worlds, len(matrices), many.verdict)
     return pd.DataFrame(rows + _rows(DECAY_STRIDES, many, worlds, len(lasting), many.verdict))

@@ -1,0 +1,99 @@
+"""Strides of the reduced-order model by single substeps: the same motion, the right section, the right coordinates."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from romgrl.rom.parameters import SpringLegParameters
+from romgrl.rom.return_map import StrideMap
+from romgrl.rom.vector_env import SpringLegVectorEnv
+
+SUBSTEPS, WORLDS = 16, 24
+
+
+def scissors(observation: NDArray[np.float32]) -> NDArray[np.float32]:
+    """A leg in the air swings to the mirror image of the other one: runs for a few strides before it falls."""
+    angle, rate, loaded = observation[:, 10:12], observation[:, 12:14], observation[:, 14:16] > 0.02
+    swing = 2.0 * (-angle[:, ::-1] - angle) - 0.5 * rate
+    stance = np.broadcast_to(observation[:, 2:3] - observation[:, 18:19], angle.shape)
+    return np.clip(np.where(loaded, stance, swing), -1, 1).astype(np.float32)
+
+
+def strides(**changed: object) -> StrideMap:
+    values = {"engine": "native", **changed}
+    return StrideMap(scissors, SpringLegParameters(**values), speed=4.0, control_frequency=30.0)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("engine", ["native", "box2d"])
+def test_substeps_make_the_motion_of_the_environment_bit_for_bit(engine: str) -> None:
+    stride = strides(engine=engine)
+    end = stride.settled(WORLDS, strides=1, seed=3)
+    crossed = np.isfinite(end.time)
+    assert crossed.sum() > WORLDS / 2
+    env = SpringLegVectorEnv(
+        parameters=SpringLegParameters(engine=engine),  # type: ignore[arg-type]
+        num_envs=WORLDS,
+        speed=4.0,
+        episode_steps=10**6,
+    )
+    observation, _ = env.reset(seed=3)
+    substeps = np.where(crossed, np.ceil(np.nan_to_num(end.time) * stride.frequency - 1e-9), 0).astype(int)
+    states, actions = env.save(), np.zeros((WORLDS, 2), np.float32)
+    for step in range(substeps.max() // SUBSTEPS + 1):
+        there = substeps // SUBSTEPS == step
+        action = scissors(observation)
+        states[there], actions[there] = env.save()[there], action[there]
+        observation = env.step(action)[0]
+    fine = stride._worlds(WORLDS)  # the rest of the last control step
+    fine.restore(states)
+    for rest in range(SUBSTEPS):
+        there = crossed & (substeps % SUBSTEPS == rest)
+        moved = slice(0, 30) if rest == 0 else slice(0, 32)  # the last action is in the state from the first substep on
+        np.testing.assert_array_equal(end.walkers.states[there, moved], fine.save()[there, moved])
+        fine.step(actions)
+
+
+def test_every_crossing_is_on_the_section_and_a_stride_is_one_after_the_other() -> None:
+    stride = strides()
+    start = stride.settled(WORLDS, strides=1, seed=0)
+    two, one = stride.settled(WORLDS, strides=2, seed=0), stride.walk(start.walkers)
+    both = np.isfinite(start.time) & np.isfinite(two.time)
+    assert both.sum() > 5
+    np.testing.assert_array_equal(two.coordinates[both], one.coordinates[both])
+    before_crossing = (start.time * stride.frequency) % 1.0 > 1e-12  # the walkers are at the end of that substep
+    late = np.where(before_crossing, 1 - (start.time * stride.frequency) % 1.0, 0) / stride.frequency
+    np.testing.assert_allclose((start.time + late + one.time)[both], two.time[both], atol=1e-9)
+    # at the end of the substep the left foot is ahead by less than it moves in one
+    motion, gap = stride._motion(start.walkers.states[both])
+    assert ((gap >= 0) & (gap < 15.0 / stride.frequency)).all()
+    np.testing.assert_allclose(motion[:, 1], start.coordinates[both][:, 1], atol=0.01)
+    assert stride.scales.shape == (len(stride.names),) == (start.coordinates.shape[1],)
+
+
+@pytest.mark.parametrize("locked", [True, False])
+def test_a_disturbance_moves_each_coordinate_by_itself(locked: bool) -> None:
+    stride = strides(trunk_locked=locked)
+    walkers = stride.settled(WORLDS, strides=1, seed=0).walkers
+    offsets = 0.01 * np.random.default_rng(0).standard_normal((WORLDS, len(stride.names)))
+    (before, gap), (after, other) = (
+        stride._motion(each.states) for each in (walkers, stride.disturbed(walkers, offsets))
+    )
+    np.testing.assert_allclose(after - before, offsets, atol=1e-12)
+    np.testing.assert_array_equal(gap, other)
+    assert ("pitch" in stride.names) is not locked
+    again = stride.walk(stride.disturbed(walkers, 0 * offsets))
+    np.testing.assert_array_equal(again.coordinates, stride.walk(walkers).coordinates)
+
+
+def test_who_falls_has_no_crossing() -> None:
+    limp = StrideMap(
+        lambda observation: np.zeros((len(observation), 2), np.float32),
+        SpringLegParameters(engine="native"),
+        speed=4.0,
+        control_frequency=30.0,
+    )
+    end = limp.settled(8, strides=3, seed=0)
+    assert np.isnan(end.time).all()
+    assert np.isnan(end.coordinates).all()
