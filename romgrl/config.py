@@ -231,7 +231,7 @@ class Evaluation:
 
 @dataclass
 class Robustness:
-    """Fall rate of student and baseline under disturbances (`stage=robustness`), each at several levels."""
+    """Fall rate of student and baseline under disturbances (`stage=robustness`), the teacher's orbital stability."""
 
     trials: int = key("trials of each walker at each level", low=1, high=100_000)
     watch: float = key("a fall counts until this long after the disturbance began", unit="s", low=0.1, high=1000)
@@ -246,6 +246,7 @@ class Robustness:
     )
     mass: list[float] = key("mass and inertia of every segment, share of the humanoid's", low=0.1, high=10)
     friction: list[float] = key("ground friction, share of the humanoid's", low=0.01, high=10)
+    orbit_worlds: int = key("models whose strides give the teacher's Floquet multipliers", low=2, high=10_000)
 
 
 @dataclass

@@ -47,7 +47,7 @@ STAGES: dict[str, Stage] = {
     "robustness": Stage(
         "romgrl.stages.robustness:run",
         ("teacher", "student", "baseline"),
-        ("robustness", "humanoid", "student.alpha", "speed", "seed"),
+        ("robustness", "rom", "teacher", "humanoid", "student.alpha", "speed", "seed"),
     ),
 }
 LABELS = ("rom.name", "teacher.name", "humanoid.name", "student.name")  # say what was chosen, change nothing

@@ -42,7 +42,8 @@ def result_metrics(evaluation: Path) -> dict[str, float]:
 
 def robustness_metrics(robustness: Path) -> dict[str, float]:
     """Fall rates as push_forward/0.3/student/fall_rate and so on, and push_forward/student/survived: the highest level
-    at which, as at all levels below it, less than half of the trials fall, where there is one."""
+    at which, as at all levels below it, less than half of the trials fall, where there is one. teacher/multiplier: the
+    largest, measured over the most strides, and its interval teacher/multiplier_low, teacher/multiplier_high."""
     metrics: dict[str, float] = {}
     lost: set[str] = set()
     for row in read_rows(robustness / "robustness.csv"):  # levels rise
@@ -53,7 +54,10 @@ def robustness_metrics(robustness: Path) -> dict[str, float]:
             lost.add(name)
         elif row["perturbation"] in GROWING and name not in lost:
             metrics[name] = level
-    return metrics
+    largest = [row for row in read_rows(robustness / "floquet.csv") if row["rank"] == "1"][-1:]
+    numbers = {"multiplier": "modulus", "multiplier_low": "low", "multiplier_high": "high"}
+    metrics |= {f"teacher/{name}": number(row[column]) for row in largest for name, column in numbers.items()}
+    return {name: value for name, value in metrics.items() if math.isfinite(value)}
 
 
 def read_rows(path: Path) -> Rows:

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import count
 
 import numpy as np
 from numpy.typing import NDArray
@@ -119,8 +120,8 @@ class StrideMap:
         place, gap = self._motion(now.states)
         coordinates = np.full((worlds, len(self.names)), np.nan)
         contact, time = np.zeros((worlds, 2), bool), np.full(worlds, np.nan)
-        passed, alive = np.zeros(worlds, int), np.ones(worlds, bool)
-        for step in range(round(LONGEST_STRIDE * self.frequency * strides)):
+        passed, last, alive = np.zeros(worlds, int), np.zeros(worlds, int), np.ones(worlds, bool)
+        for step in count():
             due = now.elapsed >= self.substeps
             if due.any():
                 now.action[due] = self.policy(observation[due])
@@ -128,9 +129,10 @@ class StrideMap:
             observation, _, terminated, _, info = env.step(now.action)
             now.states = env.save()
             place_after, gap_after = self._motion(now.states)
-            alive &= ~terminated
+            alive &= ~terminated & (step - last < LONGEST_STRIDE * self.frequency)
             crossed = alive & (gap < 0) & (gap_after >= 0)
             passed += crossed
+            last[crossed] = step
             there = crossed & (passed == strides)
             share = gap[there] / (gap - gap_after)[there]
             between = place[there] + share[:, None] * (place_after - place)[there]
@@ -171,10 +173,10 @@ class StrideMap:
         gap = states[rows, left] - states[rows, right]
         return np.stack([*trunk, *pitch, touchdown, *feet, *legs], axis=1), gap
 
-    def _worlds(self, count: int) -> SpringLegVectorEnv:
+    def _worlds(self, number: int) -> SpringLegVectorEnv:
         return SpringLegVectorEnv(
             parameters=self.parameters,
-            num_envs=count,
+            num_envs=number,
             speed=self.speed,
             control_frequency=self.frequency,
             episode_steps=10**9,

@@ -13,15 +13,12 @@ from romgrl.rom.return_map import FOOT, SIDES, StrideMap, Walkers
 
 Array = NDArray[np.float64]
 DISTURBANCE = 0.04  # of leg length, sqrt(g L0), largest torque and so on; as much as the clock alone moves a gait
-WORLDS = 256
 SETTLING_STRIDES = 12
 DECAY_STRIDES = 8
 NO_GAIT = "no gait"
 
 
-def teacher_multipliers(
-    stride: StrideMap, *, worlds: int = WORLDS, disturbance: float = DISTURBANCE, seed: int = 0
-) -> pd.DataFrame:
+def teacher_multipliers(stride: StrideMap, worlds: int = 256, seed: int = 0) -> pd.DataFrame:
     """floquet.csv: one row per multiplier of the return map over one stride, then the largest, measured over several.
 
     modulus, real, imaginary: per stride; low and high: 95 % interval of the largest modulus over worlds; worlds: those
@@ -41,19 +38,28 @@ def teacher_multipliers(
     free = free_coordinates(stride, start.contact[walking])
     disturb = _disturber(stride, start.walkers.rows(walking), start.coordinates[walking], free)
     points = (start.coordinates[walking] / stride.scales)[:, free]
-    steps = np.full(points.shape[1], disturbance)
+    steps = np.full(points.shape[1], DISTURBANCE)
     matrices = _complete(jacobians(lambda rows: _walk(stride, disturb(rows), 1, free)[:, 0], points, steps))
     if len(matrices) < 2:
         return pd.DataFrame(nothing)
     one = multipliers(matrices, seed=seed)
-    sides = [points + sign * disturbance * one.direction for sign in (1, -1)]
+    sides = [points + sign * DISTURBANCE * one.direction for sign in (1, -1)]
     up, down = np.split(_walk(stride, disturb(np.concatenate(sides)), DECAY_STRIDES, free), 2)
-    lasting = _complete((up - down) / (2 * disturbance))
+    lasting = _complete((up - down) / (2 * DISTURBANCE))
     if len(lasting) < 2:
         return pd.DataFrame(_rows(1, one, worlds, len(matrices), NO_GAIT))
     many = decay(lasting @ one.slowest.T, seed=seed)
     rows = _rows(1, one, worlds, len(matrices), many.verdict)
     return pd.DataFrame(rows + _rows(DECAY_STRIDES, many, worlds, len(lasting), many.verdict))
+
+
+def verdict(table: pd.DataFrame) -> str:
+    """One line of what floquet.csv says."""
+    last = table[table["rank"] == 1].iloc[-1]
+    if last.verdict == NO_GAIT:
+        return f"teacher: no multipliers, {last.fell:.0f} of {last.fell + last.worlds:.0f} worlds fell or stood"
+    interval = f"{last.low:.3f} to {last.high:.3f}"
+    return f"teacher: largest multiplier {last.modulus:.3f}, {interval}, over {last.strides} strides: {last.verdict}"
 
 
 def free_coordinates(stride: StrideMap, contact: NDArray[np.bool_]) -> NDArray[np.bool_]:

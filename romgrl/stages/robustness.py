@@ -20,9 +20,11 @@ from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 from romgrl.progress import StageLog
 from romgrl.report.robustness import fall_rates
 from romgrl.report.style import save
-from romgrl.stages.inputs import WALKERS, read_walker
+from romgrl.rom.return_map import StrideMap
+from romgrl.stages.inputs import WALKERS, read_teacher, read_walker
+from romgrl.stages.orbit import teacher_multipliers, verdict
 from romgrl.stages.trials import Outcome, Start, disturb, settle
-from romgrl.stages.walkers import humanoid_env, humanoid_model
+from romgrl.stages.walkers import humanoid_env, humanoid_model, rom_env
 
 SEED_OFFSET = 40_000  # resets that neither a training nor the evaluation has drawn
 STRIDE_TIME = 1.0  # s that hold a stride at any speed: a disturbance begins at a random time within them
@@ -38,13 +40,32 @@ class Disturbance:
 
 
 def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog) -> None:
-    """Write robustness.csv and the figure fall_rates. All trials of a level, and of both walkers, begin at the same
-    resets, so that curves differ by walker and level only."""
+    """Write robustness.csv, the figure fall_rates, and floquet.csv of the teacher.
+
+    All trials of a level, and of both walkers, begin at the same resets: curves differ by walker and level only.
+    """
     table = measure(config, inputs, log)
     table.to_csv(output / "robustness.csv", index=False)
     save(fall_rates(table, config.speed), output, "fall_rates")
     for line in headlines(table):
         log.message(line)
+    orbit = teacher_multipliers(teacher_strides(config, inputs["teacher"]), config.robustness.orbit_worlds, config.seed)
+    orbit.to_csv(output / "floquet.csv", index=False)
+    log.message(verdict(orbit))
+
+
+def teacher_strides(config: Config, directory: Path) -> StrideMap:
+    """The strides of the teacher's reduced-order model."""
+    env = rom_env(config, num_envs=1, episode_steps=1)
+    policy = read_teacher(directory, config, env)
+    env.close()
+    return StrideMap(
+        policy,
+        env.parameters,
+        speed=config.teacher.speed,
+        control_frequency=config.humanoid.control_frequency,
+        threads=config.threads,
+    )
 
 
 def measure(config: Config, inputs: Mapping[str, Path], log: StageLog) -> pd.DataFrame:

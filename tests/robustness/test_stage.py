@@ -16,6 +16,7 @@ from romgrl.stages import robustness
 from romgrl.stages.walkers import humanoid_model
 from romgrl.summary import robustness_metrics
 from tests.conftest import Composer
+from tests.faults.test_misfit import teacher as write_teacher
 from tests.walkers import write_walker
 
 COLUMNS = [
@@ -31,6 +32,7 @@ COLUMNS = [
     "falls_before",
     "mean_speed_m_per_s",
 ]
+ORBIT_COLUMNS = ["strides", "rank", "modulus", "real", "imaginary", "low", "high", "worlds", "fell", "verdict"]
 NAMES = ["push_forward", "push_backward", "observation_noise", "mass", "friction"]
 
 
@@ -53,7 +55,9 @@ def inputs(smoke_config: Config, tmp_path: Path) -> dict[str, Path]:
         write_walker(
             tmp_path / name / "policy.safetensors", seed=seed, humanoid=fingerprint(humanoid_model(smoke_config))
         )
-    return {name: tmp_path / name for name in ("student", "baseline")}
+    (tmp_path / "teacher").mkdir()
+    write_teacher(tmp_path / "teacher" / "policy.safetensors", activation=smoke_config.teacher.activation)
+    return {name: tmp_path / name for name in ("teacher", "student", "baseline")}
 
 
 def test_table_figure_and_progress(smoke_config: Config, inputs: dict[str, Path], tmp_path: Path) -> None:
@@ -74,7 +78,11 @@ def test_table_figure_and_progress(smoke_config: Config, inputs: dict[str, Path]
         assert (tmp_path / f"fall_rates.{suffix}").stat().st_size > 5000
     total = log.steps[-1][1]
     assert log.steps == [(step, total) for step in range(1, total + 1)]
-    assert len(log.messages) == 5
+    assert len(log.messages) == 6
+    assert log.messages[-1] == "teacher: no multipliers, 4 of 4 worlds fell or stood"
+    orbit = pd.read_csv(tmp_path / "floquet.csv")
+    assert list(orbit.columns) == ORBIT_COLUMNS
+    assert list(orbit.verdict) == ["no gait"]
     assert "student 100% to 100%, baseline 100% to 100%" in log.messages[0]
 
 
@@ -140,3 +148,8 @@ def test_metrics(tmp_path: Path) -> None:
     assert "push_forward/baseline/survived" not in metrics
     assert "mass/student/survived" not in metrics
     assert len(metrics) == 12 + 1
+    (tmp_path / "floquet.csv").write_text(
+        "strides,rank,modulus,low,high\n1,1,0.9,0.8,0.95\n1,2,0.3,,\n8,1,0.88,0.87,\n"
+    )
+    orbit = {name: value for name, value in robustness_metrics(tmp_path).items() if name.startswith("teacher/")}
+    assert orbit == {"teacher/multiplier": 0.88, "teacher/multiplier_low": 0.87}
