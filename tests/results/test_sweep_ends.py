@@ -6,6 +6,7 @@ from collections import Counter
 from pathlib import Path
 
 import pandas as pd
+import pytest
 
 from romgrl.results.sweeps import sweeps
 from tests.pipeline.conftest import Command, start, trainings
@@ -43,6 +44,7 @@ def test_a_sweep_goes_on_where_it_stopped_and_joins_its_jobs(command: Command, t
     assert stored[0].with_name("jobs.csv").exists()
 
 
+@pytest.mark.slow
 def test_jobs_in_other_processes_are_joined_too(tmp_path: Path) -> None:
     process = start(
         *SWEEP, "hydra/launcher=joblib", "tracking=none", f"paths.outputs={tmp_path}", module="tests.pipeline.fake_jobs"
