@@ -9,12 +9,13 @@ from pathlib import Path
 import torch
 
 from romgrl.algorithms.adversarial import LOSSES, imitation_reward
-from romgrl.algorithms.discriminator_health import COLUMNS, Setting, diagnose
+from romgrl.algorithms.discriminator_health import COLUMNS, ROWS, Setting, diagnose
 from romgrl.checkpoint import State
 from romgrl.config import Config
 from romgrl.progress import StageLog
 
 FILE = "health.json"
+UNKNOWN = "too short to tell"
 
 
 def setting(config: Config) -> Setting:
@@ -32,7 +33,7 @@ def setting(config: Config) -> Setting:
 class HealthWatch:
     """Rows of the learning curve since the discriminator began to learn, and what was wrong at each.
 
-    health.json: `verdict`, the names that hold at the end or "healthy"; `now`, with evidence and advice; `history`,
+    health.json: `verdict`, the names that hold at the end, "healthy" or UNKNOWN; `now`, with evidence and advice; `history`,
     from which step to which each has held.
     """
 
@@ -55,7 +56,7 @@ class HealthWatch:
                     f"discriminator: {diagnosis.name} at step {step:,}: {diagnosis.evidence}; {diagnosis.advice}"
                 )
         document = {
-            "verdict": ", ".join(self._names[-1]) or "healthy",
+            "verdict": ", ".join(self._names[-1]) or ("healthy" if len(self._rows) >= ROWS else UNKNOWN),
             "now": [diagnosis._asdict() for diagnosis in now],
             "history": self._history(),
         }

@@ -151,6 +151,8 @@ def test_a_line_when_it_begins_and_a_history(compose_config: Composer, tmp_path:
             state, watch = watch.state(), HealthWatch(config, tmp_path, log)
             watch.restore(state)
         watch.add(row, 1000 * (number + 1))
+        if number < ROWS - 1:
+            assert health_tags(tmp_path) == {"romgrl.discriminator_health": "too short to tell"}
     (message,) = log.messages
     assert message.startswith("discriminator: saturated at step 8,000: accuracy 1.00 and 0.99")
     document = json.loads((tmp_path / "health.json").read_text())
