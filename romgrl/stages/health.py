@@ -33,8 +33,8 @@ def setting(config: Config) -> Setting:
 class HealthWatch:
     """Rows of the learning curve since the discriminator began to learn, and what was wrong at each.
 
-    health.json: `verdict`, the names that hold at the end, "healthy" or UNKNOWN; `now`, with evidence and advice; `history`,
-    from which step to which each has held.
+    health.json: `verdict`, the names that hold at the end, "healthy" or UNKNOWN; `now`, with evidence and advice;
+    `history`, from which step to which each has held.
     """
 
     def __init__(self, config: Config, output: Path, log: StageLog) -> None:
