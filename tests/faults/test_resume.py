@@ -21,19 +21,18 @@ from romgrl.stages.tally import EpisodeTally
 from tests.conftest import Composer
 from tests.faults.trainings import TOTAL, Recorder, digest, files, train, training
 
-CUTS = 10
 
-
+@pytest.mark.parametrize("count", [3, pytest.param(10, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("name", ["teacher", "student"])
 def test_resume_is_bit_exact(
-    name: str, compose_config: Composer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    name: str, count: int, compose_config: Composer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Networks, targets, optimisers, temperature, discriminator, normaliser, buffer, environments, random streams."""
     config = training(name, compose_config)
     recorder = Recorder(monkeypatch)
     train(name, config, tmp_path / "whole")
     whole, passes = (recorder.state, files(tmp_path / "whole")), recorder.steps
-    cuts, equal = random.Random(0).sample(passes[:-1], CUTS), 0
+    cuts, equal = random.Random(0).sample(passes[:-1], count), 0
     for cut in cuts:
         output = tmp_path / f"cut-{cut}"
         recorder.cut = cut
@@ -47,7 +46,7 @@ def test_resume_is_bit_exact(
         assert (recorder.state, files(output)) == whole, f"cut at step {cut}"
         equal += 1
         shutil.rmtree(output / CHECKPOINT)
-    print(f"{name}: cut at {sorted(cuts)} of {TOTAL[name]}: {equal} of {CUTS} end with the same bits")
+    print(f"{name}: cut at {sorted(cuts)} of {TOTAL[name]}: {equal} of {count} end with the same bits")
 
 
 def test_a_student_with_another_discriminator_goes_on_bit_exactly(

@@ -44,7 +44,7 @@ def make_batch(size: int = 16) -> Batch:
 
     terminated = torch.zeros(size)
     terminated[::4] = 1
-    return Batch(draw(size, 3), draw(size, 2).tanh(), draw(size, 3), draw(size), terminated, draw(size, 5))
+    return Batch(draw(size, 3), draw(size, 2).tanh(), draw(size, 3), draw(size), terminated, draw(size, 5), draw(size))
 
 
 def test_log_density_is_a_density() -> None:
