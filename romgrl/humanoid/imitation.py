@@ -1,4 +1,4 @@
-"""Poses of the planar humanoid that follow a reference: where its episodes may start (Peng et al. 2018, section 6.1)."""
+"""Poses of the planar humanoid that follow a reference: where episodes may start (Peng et al. 2018, section 6.1)."""
 
 from __future__ import annotations
 
