@@ -6,8 +6,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from romgrl.gait.features import BODY_Y, LEFT_X, RIGHT_X
 from romgrl.humanoid.model import body_ids, lowest_point
+from romgrl.humanoid.observer import LEFT_ANKLE, PELVIS_HEIGHT, RIGHT_ANKLE
 from romgrl.humanoid.reset import ResetBank
 from romgrl.humanoid.skeleton import BODIES, HINGES, mirror_joints
 
@@ -50,10 +50,10 @@ def follow(model: mujoco.MjModel, features: Array) -> Array:
     mujoco.mj_kinematics(model, data)
     rest = {name: data.xpos[body][[0, 2]] for name, body in zip(BODIES, body_ids(model), strict=True)}
     qpos = np.zeros((len(features), model.nq))
-    qpos[:, 1] = features[:, BODY_Y] - rest["Pelvis"][1]
-    for side, other, x in (("L", "R", LEFT_X), ("R", "L", RIGHT_X)):
+    qpos[:, 1] = features[:, PELVIS_HEIGHT] - rest["Pelvis"][1]
+    for side, other, columns in (("L", "R", LEFT_ANKLE), ("R", "L", RIGHT_ANKLE)):
         hip, knee, ankle = (rest[f"{side}_{name}"] for name in ("Hip", "Knee", "Ankle"))
-        target = features[:, x : x + 2] - (hip - rest["Pelvis"])
+        target = features[:, columns] - (hip - rest["Pelvis"])
         angles = leg_angles(target, thigh=knee - hip, shank=ankle - knee)
         qpos[:, [ANGLE[f"{side}_Hip"], ANGLE[f"{side}_Knee"]]] = angles
         qpos[:, ANGLE[f"{side}_Ankle"]] = -angles.sum(1)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -12,13 +11,11 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from romgrl.algorithms.discriminator import Discriminator
 from romgrl.algorithms.rom_grl import RomGrl
-from romgrl.algorithms.sac import SAC, Metrics, save_policy
-from romgrl.buffers import Mirror, ReplayBuffer
+from romgrl.algorithms.sac import Metrics, save_policy
 from romgrl.checkpoint import State
 from romgrl.config import Config
-from romgrl.gait.windows import FrameWindows, WindowLayout, reference_windows
+from romgrl.gait.windows import FrameWindows, WindowLayout
 from romgrl.humanoid.imitation import reference_bank
 from romgrl.humanoid.model import fingerprint
 from romgrl.humanoid.observation import OBSERVATION_SIZE
@@ -27,17 +24,14 @@ from romgrl.humanoid.skeleton import HINGES
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 from romgrl.lanes import second_lane, start
 from romgrl.limits import check, check_physics
-from romgrl.normalizer import RunningNormalizer
 from romgrl.progress import StageLog
 from romgrl.stages.health import HealthWatch
 from romgrl.stages.inputs import read_reference
 from romgrl.stages.keeper import Keeper
+from romgrl.stages.learner import build_learner
 from romgrl.stages.tally import EpisodeTally
 from romgrl.stages.walkers import humanoid_env
 
-ArrayMirror = tuple[NDArray[np.int64], NDArray[np.float32]]
-
-ACTION_SIZE = len(HINGES)
 LOG_INTERVAL = 4096
 
 
@@ -102,98 +96,6 @@ def window_layout(config: Config) -> WindowLayout:
     """What the discriminator sees."""
     judge = config.discriminator
     return WindowLayout(judge.features, judge.window, judge.stride, 1 / config.humanoid.control_frequency)
-
-
-def build_learner(
-    config: Config,
-    env: PlanarHumanoidVectorEnv,
-    columns: Tensor,
-    layout: WindowLayout,
-    reference: Path | None,
-    lane: Executor | None = None,
-) -> RomGrl:
-    """Wire agent, discriminator and replay buffer from the configuration; `lane` is a second thread for the agent."""
-    student, judge = config.student, config.discriminator
-    mirrors: dict[str, Mirror | None] = {"observation": None, "action": None, "frames": None}
-    if student.mirror:
-        mirrors["observation"] = on_device(compact_mirror(env.mirror_observation, columns), config.device)
-        mirrors["action"] = on_device(env.mirror_action, config.device)
-        mirrors["frames"] = on_device(layout.mirror(), config.device)
-    buffer = ReplayBuffer(
-        capacity=student.buffer_size,
-        num_envs=env.num_envs,
-        observation_size=len(columns),
-        action_size=ACTION_SIZE,
-        frame_size=layout.size,
-        seed=config.seed,
-        device=config.device,
-        **{f"mirror_{name}": mirror for name, mirror in mirrors.items()},
-    )
-    sac = SAC(
-        observation_size=len(columns),
-        action_size=ACTION_SIZE,
-        hidden_sizes=list(student.hidden_sizes),
-        layer_norm=student.layer_norm,
-        policy_learning_rate=student.policy_learning_rate,
-        critic_learning_rate=student.critic_learning_rate,
-        temperature_learning_rate=student.temperature_learning_rate,
-        initial_temperature=student.initial_temperature,
-        target_entropy_scale=student.target_entropy_scale,
-        gamma=student.gamma,
-        tau=student.tau,
-        policy_delay=student.policy_delay,
-        critic_target=student.critic_target,
-        policy_average=student.policy_average,
-        simultaneous=student.simultaneous,
-        lane=lane,
-        seed=config.seed,
-        device=config.device,
-    )
-    return RomGrl(
-        sac=sac,
-        discriminator=build_discriminator(config, layout, reference),
-        buffer=buffer,
-        normalizer=RunningNormalizer(len(columns), enabled=student.normalize_observation, device=config.device),
-        eta=config.eta,
-        batch_size=student.batch_size,
-        discriminator_interval=judge.update_interval,
-        discriminator_batch=judge.batch_size,
-        discriminator_recent=judge.recent_steps,
-        stored_reward=judge.reward == "stored",
-    )
-
-
-def build_discriminator(config: Config, layout: WindowLayout, reference: Path | None) -> Discriminator | None:
-    """The judge, with the windows of the reference; None for the baseline."""
-    judge = config.discriminator
-    if judge.name == "none" or reference is None:
-        return None
-    arrays = read_reference(reference, config, steps=layout.span)
-    real = reference_windows(
-        arrays["features"],
-        arrays["episode"],
-        layout=layout,
-        trunk_std=judge.trunk_std,
-        mirror=config.student.mirror,
-        seed=config.seed,
-    )
-    return Discriminator(
-        reference=torch.from_numpy(real),
-        hidden_sizes=list(judge.hidden_sizes),
-        dropout=judge.dropout,
-        learning_rate=judge.learning_rate,
-        penalty_weight=judge.gradient_penalty,
-        label_smoothing=judge.label_smoothing,
-        noise=config.noise,
-        reward_limit=judge.reward_limit,
-        held_out=judge.held_out,
-        patience=judge.patience,
-        standardize=judge.standardize,
-        loss=judge.loss,
-        penalty_on=judge.penalty_on,
-        seed=config.seed,
-        device=config.device,
-    )
 
 
 def train(
@@ -282,22 +184,5 @@ def frame(info: dict[str, NDArray[np.float32]], trunk: bool, prefix: str) -> NDA
 def explore(learner: RomGrl, current: Tensor, env: PlanarHumanoidVectorEnv, *, random: bool) -> Tensor:
     """Actions (N, A) of the exploring policy, uniform ones before learning starts."""
     if random:
-        shape = (env.num_envs, ACTION_SIZE)
-        return 2 * torch.rand(shape, generator=learner.sac.generator, device=current.device) - 1
+        return 2 * torch.rand((env.num_envs, len(HINGES)), generator=learner.sac.generator, device=current.device) - 1
     return learner.sac.act(learner.normalizer.apply_(current.clone()))
-
-
-def compact_mirror(mirror: ArrayMirror, columns: Tensor) -> ArrayMirror:
-    """Mirror of the kept columns only; they mirror among themselves, or ValueError."""
-    permutation, sign = mirror
-    place = {int(column): i for i, column in enumerate(columns)}
-    try:
-        kept = [place[int(permutation[column])] for column in place]
-    except KeyError as missing:
-        raise ValueError(f"observation column {missing} is dropped, but its mirror image is kept") from missing
-    return np.array(kept), sign[columns.numpy()]
-
-
-def on_device(mirror: ArrayMirror, device: str) -> Mirror:
-    """A mirror as tensors."""
-    return torch.from_numpy(mirror[0]).to(device), torch.from_numpy(mirror[1]).to(device)

@@ -19,6 +19,7 @@ from romgrl.artifacts import save_arrays
 from romgrl.config import Config
 from romgrl.progress import SilentLog
 from romgrl.stages import student, teacher
+from romgrl.stages.learner import build_learner
 from romgrl.stages.walkers import humanoid_env
 
 
@@ -61,7 +62,7 @@ def test_student(meta_config: Config, tmp_path: Path) -> None:
     save_arrays(tmp_path / "reference.npz", reference)
     env = humanoid_env(meta_config, num_envs=2)
     observed = torch.arange(env.single_observation_space.shape[0])
-    learner = student.build_learner(meta_config, env, observed, student.window_layout(meta_config), tmp_path)
+    learner = build_learner(meta_config, env, observed, student.window_layout(meta_config), tmp_path)
     found = dict(tensors(learner))
     assert len(found) > 20
     assert {name for name, tensor in found.items() if tensor.device.type != "meta"} == set()

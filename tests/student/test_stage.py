@@ -17,6 +17,7 @@ from romgrl.config import Config
 from romgrl.normalizer import RunningNormalizer
 from romgrl.progress import SilentLog
 from romgrl.stages import student
+from romgrl.stages.learner import compact_mirror
 from romgrl.stages.tally import EpisodeTally
 from tests.conftest import Composer
 
@@ -104,11 +105,11 @@ def test_an_interrupted_training_leaves_its_policy(
 
 def test_compact_mirror_maps_kept_columns_among_themselves() -> None:
     permutation, sign = np.array([0, 3, 4, 1, 2]), np.array([1, -1, 1, -1, 1], dtype=np.float32)
-    kept, signs = student.compact_mirror((permutation, sign), torch.tensor([1, 3, 0]))
+    kept, signs = compact_mirror((permutation, sign), torch.tensor([1, 3, 0]))
     assert kept.tolist() == [1, 0, 2]
     assert signs.tolist() == [-1, -1, 1]
     with pytest.raises(ValueError, match="mirror image"):
-        student.compact_mirror((permutation, sign), torch.tensor([1, 0]))
+        compact_mirror((permutation, sign), torch.tensor([1, 0]))
 
 
 def test_running_normalizer_equals_the_moments_of_all_it_saw() -> None:
