@@ -72,8 +72,7 @@ class Discriminator:
 
     def logits(self, frames: Tensor) -> Tensor:
         """Logit of being the teacher's, (B,)."""
-        logit: Tensor = self.network((frames - self.mean) * self.scale).squeeze(-1)
-        return logit
+        return self._judge((frames - self.mean) * self.scale)
 
     @torch.no_grad()
     def reward(self, frames: Tensor) -> Tensor:
@@ -165,11 +164,17 @@ class Discriminator:
             self.stopped = bool(self.stale_updates >= self.patience)
         return loss
 
+    def _judge(self, inputs: Tensor) -> Tensor:
+        logit: Tensor = self.network(inputs).squeeze(-1)
+        return logit
+
     def _penalty(self, real: Tensor, fake: Tensor) -> Tensor:
+        """Slopes are by what the network sees: with standardised features, by their standard deviations."""
+        real, fake = ((frames - self.mean) * self.scale for frames in (real, fake))
         if self.penalty_on == "interpolates":
             mix = torch.rand((len(real), 1), generator=self.generator, device=real.device)
-            return interpolate_penalty(self.logits, real, fake, mix)
-        return zero_penalty(self.logits, real if self.penalty_on == "reference" else torch.cat((real, fake)))
+            return interpolate_penalty(self._judge, real, fake, mix)
+        return zero_penalty(self._judge, real if self.penalty_on == "reference" else torch.cat((real, fake)))
 
     def _perturb(self, frames: Tensor) -> Tensor:
         noise = torch.randn(frames.shape, generator=self.generator, device=frames.device)

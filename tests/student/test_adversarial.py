@@ -79,9 +79,27 @@ def test_penalties_are_those_of_gradients_taken_one_by_one() -> None:
 def test_where_the_penalty_is_taken(where: str, expected: float) -> None:
     """A judge of x^2 / 2 has slope x: 1 on a reference at 1, 3 on a student at 3."""
     judge = gaussian_judge(penalty_on=where)
-    judge.logits = lambda frames: 0.5 * frames.square().sum(-1)  # type: ignore[method-assign]
+    judge.network = HalfSquare()
     penalty = judge._penalty(torch.full((8, 1), 1.0), torch.full((8, 1), 3.0))
     assert float(penalty.detach()) == pytest.approx(expected)
+
+
+def test_slopes_are_by_standard_deviations_where_features_are_standardised() -> None:
+    """The teacher's deviation is 1 and its mean 0.5 whatever the unit; one judge is fed hundredths of it."""
+    penalties = []
+    for unit in (1.0, 0.01):
+        reference = unit * (torch.randn((40_000, 1), generator=torch.Generator().manual_seed(0)) + 0.5)
+        judge = gaussian_judge(reference=reference, standardize=True, penalty_on="both")
+        penalties.append(float(judge._penalty(torch.full((8, 1), unit), torch.full((8, 1), 3 * unit)).detach()))
+    assert penalties[0] > 0
+    assert penalties[1] == pytest.approx(penalties[0], rel=1e-4)
+
+
+class HalfSquare(torch.nn.Module):
+    """x^2 / 2, (B, 1) -> (B, 1)."""
+
+    def forward(self, inputs: torch.Tensor) -> torch.Tensor:
+        return 0.5 * inputs.square()
 
 
 def gaussian_judge(**changes: object) -> Discriminator:
