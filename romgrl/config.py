@@ -168,9 +168,6 @@ class Student:
     critic_target: str = key("how the twin target critics are joined", choices=("minimum", "mean"))
     mirror: bool = key("true: half of each batch is left-right mirrored")
     normalize_observation: bool = key("true: observations are standardised by their running mean and deviation")
-    reference_resets: float = key(
-        "share of the episodes that start in a pose of the reference, none for the baseline", low=0, high=1
-    )
     policy_average: float = key(
         "the saved policy is a running average with this decay; 0: the last one", low=0, high=0.99999
     )
