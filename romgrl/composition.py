@@ -7,6 +7,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
+from hydra import compose, initialize_config_dir
 from hydra.core.config_store import ConfigStore
 from hydra.core.plugins import Plugins
 from hydra.errors import HydraException
@@ -59,6 +60,13 @@ def rename_launcher_schemas() -> None:
         if path.name in repository["hydra"]["launcher"]:
             schemas = repository.setdefault("launcher_schema", {})
             schemas[path.name] = repository["hydra"]["launcher"].pop(path.name)
+
+
+def compose_config(*overrides: str) -> Config:
+    """The configuration of conf/ with overrides. Raises ConfigurationError or one of COMPOSITION_ERRORS."""
+    register_schema()
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        return to_config(compose("config", overrides=list(overrides)))
 
 
 def to_config(composed: Any) -> Config:

@@ -102,6 +102,7 @@ class Teacher:
     max_gradient_norm: float = key("gradients are clipped to this norm", above=0, high=1e9)
     initial_log_std: float = key("log standard deviation of the first policy", low=-20, high=5)
     mirror: bool = key("true: half of each minibatch is left-right mirrored")
+    pretrained: bool = key("true: nothing is trained; the teacher that ships with the package is taken")
 
 
 @dataclass
@@ -171,6 +172,7 @@ class Student:
     policy_average: float = key(
         "the saved policy is a running average with this decay; 0: the last one", low=0, high=0.99999
     )
+    pretrained: bool = key("true: nothing is trained; student and baseline that ship with the package are taken")
 
 
 @dataclass

@@ -6,9 +6,7 @@ from dataclasses import Field
 from pathlib import Path
 from typing import Any
 
-from hydra import compose, initialize_config_dir
-
-from romgrl.composition import CONF, register_schema, to_config
+from romgrl.composition import CONF, compose_config
 from romgrl.config import Config
 from romgrl.validation import allowed, schema_keys, show, value_of
 
@@ -23,9 +21,7 @@ Every key with its unit, the values it takes and its default. Set keys on the co
 
 def render() -> str:
     """The whole page as Markdown."""
-    register_schema()
-    with initialize_config_dir(str(CONF), version_base="1.3"):
-        config = to_config(compose("config"))
+    config = compose_config()
     keys = schema_keys()
     groups = list(dict.fromkeys(name.rpartition(".")[0] for name in keys))
     return "\n".join([HEAD, *(section(group, keys, config) for group in groups)])

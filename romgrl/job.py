@@ -22,7 +22,7 @@ from romgrl.artifacts import (
 )
 from romgrl.config import Config
 from romgrl.errors import RomgrlError
-from romgrl.keys import STAGES, stage_config, stage_key, stage_settings
+from romgrl.keys import STAGES, stage_config, stage_function, stage_key, stage_settings
 from romgrl.locks import exclusive
 from romgrl.progress import TerminalLog, format_duration
 from romgrl.provenance import git_state, versions
@@ -124,7 +124,7 @@ class Job:
         try:
             log = TerminalLog(stage, workspace.partial, sink=run.metrics, bars=self.bars)
             with storage_faults(workspace.partial), log:
-                runner(STAGES[stage].function, config, inputs, workspace.partial, log)
+                runner(stage_function(stage, self.config), config, inputs, workspace.partial, log)
             wall_time = workspace.seconds + time.monotonic() - start
             workspace.clear_checkpoint()
             revision, dirty = git_state()

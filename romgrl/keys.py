@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from romgrl.config import Config
+from romgrl.pretrained import GROUPS, is_pretrained, shipped
 from romgrl.provenance import computing_versions
 from romgrl.sources import source_digest
 from romgrl.validation import value_of
@@ -91,6 +92,8 @@ def stage_config(stage: str, config: Config) -> Config:
 
 def stage_settings(stage: str, config: Config) -> dict[str, Any]:
     """The keys that the stage depends on, with their values; a model file counts by its content, not by its place."""
+    if is_pretrained(stage, config):
+        return pretrained_settings(stage)
     config = stage_config(stage, config)
     settings: dict[str, Any] = {}
     for key in STAGES[stage].depends:
@@ -106,6 +109,18 @@ def stage_settings(stage: str, config: Config) -> dict[str, Any]:
     return {name: settings[name] for name in sorted(settings.keys() - set(LABELS))}
 
 
+def pretrained_settings(stage: str) -> dict[str, Any]:
+    """The settings of the training that made what ships, and the digest of it. Raises ArtifactError."""
+    manifest = shipped(stage)
+    settings = manifest.config | {f"{GROUPS[stage]}.pretrained": f"sha256:{manifest.digest}"}
+    return {name: settings[name] for name in sorted(settings)}
+
+
+def stage_function(stage: str, config: Config) -> str:
+    """The function that makes a stage, as `module:function`."""
+    return f"romgrl.stages.pretrained:{stage}" if is_pretrained(stage, config) else STAGES[stage].function
+
+
 def stage_key(stage: str, config: Config, upstream: Mapping[str, str]) -> str:
     """SHA-256 (16 hexadecimal digits) over all that decides what a stage makes.
 
@@ -114,7 +129,7 @@ def stage_key(stage: str, config: Config, upstream: Mapping[str, str]) -> str:
     document = {
         "stage": stage,
         "settings": stage_settings(stage, config),
-        "sources": source_digest(STAGES[stage].function),
+        "sources": source_digest(stage_function(stage, config)),
         "versions": computing_versions(),
         "upstream": dict(upstream),
     }

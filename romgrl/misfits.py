@@ -10,9 +10,9 @@ from collections.abc import Callable, Collection, Iterator
 from itertools import pairwise
 
 from romgrl.config import Config
-from romgrl.errors import ConfigurationError
+from romgrl.errors import ArtifactError, ConfigurationError
 from romgrl.places import is_file, outputs_directory, tracking_store
-from romgrl.validation import bad_value, fits, refusal, schema_keys, value_of
+from romgrl.validation import bad_value, fits, refusal, schema_keys, show, value_of
 
 FEWEST_ROWS = 4  # of the replay buffer, which keeps two of them free
 
@@ -178,6 +178,25 @@ def humanoid_file(config: Config) -> Iterator[str]:
             yield refusal("humanoid.xml", humanoid.xml, f"a MuJoCo file with SMPL's 24 bodies ({reason})")
 
 
+def pretrained(config: Config) -> Iterator[str]:
+    """What ships with the package is run with the settings of its training; where it is damaged, the job says so."""
+    from romgrl.pretrained import GROUPS, is_pretrained, other_settings
+
+    if config.student.pretrained and not config.teacher.pretrained:
+        yield refusal("teacher.pretrained", False, "true where student.pretrained is true")
+    told = set()
+    for stage in GROUPS:
+        if is_pretrained(stage, config):
+            try:
+                differing = [*other_settings(stage, config)]
+            except ArtifactError:
+                return
+            for key, value, trained in differing:
+                if key not in told:
+                    yield refusal(key, value, f"{show(trained)}, as the pretrained {stage} was trained")
+                told.add(key)
+
+
 def device(config: Config) -> Iterator[str]:
     """A CUDA device is there where one is asked for."""
     if config.device == "cuda" and not cuda_available():
@@ -199,6 +218,8 @@ JUDGED = ("discriminator.features", "discriminator.window", "discriminator.strid
 JUDGE = ("discriminator.name", *JUDGED, "discriminator.held_out", "student.mirror")
 CRITIC = ("discriminator.name", "discriminator.loss", "discriminator.gradient_penalty")
 SPRINGS = ("humanoid.mass", "humanoid.xml", "humanoid.control_frequency")
+LEARNING = ("student.", "discriminator.", "reference.", "evaluation.", "robustness.", "tracking.", "paths.")
+PRETRAINED = ("student.pretrained", *(key for key in schema_keys() if not key.startswith(LEARNING)))
 CHECKS: tuple[tuple[tuple[str, ...], Callable[[Config], Iterator[str]]], ...] = (
     (RANGES, ranges),
     (LEVELS, levels),
@@ -217,5 +238,6 @@ CHECKS: tuple[tuple[tuple[str, ...], Callable[[Config], Iterator[str]]], ...] = 
     (("humanoid.name", "humanoid.xml", "humanoid.actuation"), humanoid_file),
     (("paths.outputs",), outputs_directory),
     (("tracking.enabled", "tracking.uri", "tracking.experiment", "paths.outputs"), tracking_store),
+    (PRETRAINED, pretrained),
     (("device",), device),
 )

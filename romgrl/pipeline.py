@@ -18,6 +18,7 @@ from romgrl.job import Job
 from romgrl.journal import redacted
 from romgrl.keys import STAGES, plan, share_threads
 from romgrl.misfits import validate
+from romgrl.pretrained import require_shipped
 from romgrl.progress import make_bars
 from romgrl.recorder import open_recorder, sync, ui_command
 from romgrl.summary import result_metrics, result_tables, robustness_metrics
@@ -32,9 +33,11 @@ def run(
 ) -> dict[str, Path]:
     """Run `config.stage` and what it needs, print where everything is, and return the artifact of each stage used.
 
-    `parent` is the MLflow run of the sweep. Raises ConfigurationError before anything is made.
+    `parent` is the MLflow run of the sweep. Raises ConfigurationError, or ArtifactError for damaged
+    files of the package, before anything is made.
     """
     validate(config)
+    require_shipped(config)
     config = resolve(config)
     if config.stage == "sync":
         return bring_the_rest(config, console or Console())

@@ -18,6 +18,7 @@ BELOW_STAGES = (
     LEARNING
     | WORLDS
     | {"gait", "report", "artifacts", "checkpoint", "progress", "config", "errors", "interruption", "stages"}
+    | {"pretrained"}
 )
 ALLOWED = {
     "algorithms": LEARNING | {"artifacts", "errors"},
@@ -39,9 +40,20 @@ ALLOWED = {
     "errors": set(),
     "stages": BELOW_STAGES,
     "validation": {"config"},
-    "misfits": {"config", "errors", "places", "validation", "rom", "humanoid", "gait"},
+    "misfits": {"config", "errors", "places", "pretrained", "validation", "rom", "humanoid", "gait"},
     "places": {"config", "journal", "validation"},
-    "keys": {"config", "provenance", "sources", "validation"},
+    "keys": {"config", "pretrained", "provenance", "sources", "validation"},
+    "pretrained": {
+        "artifacts",
+        "composition",
+        "config",
+        "errors",
+        "keys",
+        "progress",
+        "report",
+        "results",
+        "validation",
+    },
     "sources": set(),
     "locks": set(),
     "workspace": {"artifacts", "checkpoint"},
@@ -59,6 +71,7 @@ ALLOWED = {
         "job",
         "keys",
         "misfits",
+        "pretrained",
         "progress",
         "recorder",
         "results",

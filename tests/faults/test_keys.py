@@ -7,13 +7,14 @@ from pathlib import Path
 
 import pytest
 
-from romgrl import keys, sources
+from romgrl import keys, pretrained, sources
 from romgrl.config import Config
 from romgrl.keys import LABELS, STAGES, stage_key
 from romgrl.validation import schema_keys, value_of
 from tests.conftest import Composer
 from tests.pipeline.test_config import with_value
 from tests.pipeline.test_keys import all_keys, different
+from tests.pretrained.untrained import write_shipped
 
 COSMETIC = {"stage", "threads", "parallel_stages", "checkpoint_seconds", "experiment", "paths.outputs", *LABELS}
 KINDS = {"Python": {".py"}, "C++": {".cpp", ".hpp", ".txt"}, "built": {".so"}}
@@ -24,9 +25,12 @@ def is_cosmetic(key: str) -> bool:
     return key in COSMETIC or key.startswith("tracking.")
 
 
-def test_every_leaf_is_semantic_or_cosmetic(compose_config: Composer, tmp_path: Path) -> None:
+def test_every_leaf_is_semantic_or_cosmetic(
+    compose_config: Composer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Each leaf changed in turn: a new key for at least one stage, or the same keys for all if it is cosmetic."""
     config = compose_config()
+    monkeypatch.setattr(pretrained, "PLACE", write_shipped(tmp_path / "shipped", config))
     before = all_keys(config)
     right = {"semantic": 0, "cosmetic": 0}
     for key in schema_keys():

@@ -1,0 +1,104 @@
+"""python -m romgrl.pretrained OUTPUTS [key=value ...]: ship the walkers of the newest evaluation that fits the preset.
+
+Takes teacher, student and baseline under OUTPUTS that were trained with the settings of `student=pretrained`, key=value
+in their place, and writes them and their model card into the package.
+"""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from romgrl import pretrained
+from romgrl.artifacts import MANIFEST, Manifest, open_artifact, write_bytes
+from romgrl.composition import COMPOSITION_ERRORS, compose_config, first_line
+from romgrl.config import Config
+from romgrl.errors import ArtifactError, ConfigurationError, RomgrlError
+from romgrl.keys import stage_settings
+from romgrl.pretrained.card import write_card
+from romgrl.results.finished import LINEAGE, Evaluation, differing, evaluations, plain, shortened
+
+CARD = "MODEL_CARD.md"
+
+
+def trained(config: Config) -> Config:
+    """The configuration that trains what the preset takes from the package."""
+    teacher, student = replace(config.teacher, pretrained=False), replace(config.student, pretrained=False)
+    return replace(config, teacher=teacher, student=student)
+
+
+def find(outputs: Path, config: Config) -> tuple[Evaluation, dict[str, Manifest]]:
+    """The newest evaluation of a configuration, and what was trained for it.
+
+    Raises ArtifactError with why others are not it.
+    """
+    found, left_out = evaluations(outputs)
+    for evaluation in reversed(found):
+        manifests, reasons = {}, list[str]()
+        for stage in LINEAGE:
+            candidates = [(unlike(stage, each, config), each) for each in evaluation.lineage.get(stage, [])]
+            differing, nearest = min(candidates, key=lambda one: len(one[0]), default=([f"no {stage}"], None))
+            reasons += differing
+            if nearest is not None and stage in pretrained.GROUPS:
+                manifests[stage] = nearest
+        if not reasons:
+            return evaluation, manifests
+        left_out[evaluation.directory] = shortened([*dict.fromkeys(reasons)])
+    others = [f"{path.name}: {reason}" for path, reason in left_out.items()]
+    raise ArtifactError("\n".join([f"{outputs}: no evaluation with the settings of student=pretrained", *others]))
+
+
+def unlike(stage: str, manifest: Manifest, config: Config) -> list[str]:
+    """In what an artifact differs from a configuration, such as `eta 0.3 instead of 0.5`; keys that came later do not
+    count, as they do not in `pretrained.other_settings`."""
+    wanted = plain(stage_settings(stage, config))
+    return [text for key, text in differing(manifest.config, wanted) if key in wanted and key in manifest.config]
+
+
+def ship(outputs: Path, config: Config) -> list[Path]:
+    """Write the three artifacts, without what is about one machine or store, and the card; returns what was written."""
+    evaluation, manifests = find(outputs, config)
+    sources = {stage: outputs / "artifacts" / stage / manifest.key for stage, manifest in manifests.items()}
+    for stage, source in sources.items():
+        open_artifact(source, stage=stage, key=source.name)
+    written = [path for stage, manifest in manifests.items() for path in write(stage, manifest, sources[stage])]
+    card = pretrained.PLACE / CARD
+    write_bytes(card, write_card(evaluation, manifests).encode())
+    return [*written, card]
+
+
+def write(stage: str, manifest: Manifest, source: Path) -> list[Path]:
+    """Put one artifact in the place of the one that ships now."""
+    target = pretrained.PLACE / stage
+    shutil.rmtree(target, ignore_errors=True)
+    target.mkdir(parents=True)
+    for name in manifest.files:
+        write_bytes(target / name, (source / name).read_bytes())
+    write_bytes(target / MANIFEST, replace(manifest, run_id=None).text.encode())
+    return [*(target / name for name in manifest.files), target / MANIFEST]
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Ship and say what was written; the exit code of the failure otherwise."""
+    if not arguments or "=" in arguments[0]:
+        print(__doc__, file=sys.stderr)
+        return 2
+    try:
+        config = trained(compose_config("student=pretrained", *arguments[1:]))
+        written = ship(Path(arguments[0]).expanduser().resolve(), config)
+    except COMPOSITION_ERRORS as error:
+        print(first_line(error), file=sys.stderr)
+        return ConfigurationError.exit_code
+    except RomgrlError as error:
+        print(error, file=sys.stderr)
+        return error.exit_code
+    for path in written:
+        print(f"{path.relative_to(pretrained.PLACE)}: {path.stat().st_size} bytes")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

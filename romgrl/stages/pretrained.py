@@ -1,0 +1,50 @@
+"""Teacher, student and baseline that nobody trains: the artifacts that ship with the package."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from contextlib import closing
+from pathlib import Path
+
+from romgrl import pretrained
+from romgrl.artifacts import write_bytes
+from romgrl.config import Config
+from romgrl.progress import StageLog, format_duration
+from romgrl.stages.inputs import read_teacher, read_walker
+from romgrl.stages.walkers import humanoid_env, rom_env
+
+
+def teacher(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog) -> None:
+    """Copy the teacher that ships, once it fits the reduced-order model."""
+    copy("teacher", output, log)
+    with closing(rom_env(config, num_envs=1, episode_steps=1)) as env:
+        read_teacher(output, config, env)
+
+
+def student(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog) -> None:
+    """Copy the student that ships, once it fits the humanoid."""
+    copy_walker("student", config, output, log)
+
+
+def baseline(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog) -> None:
+    """Copy the baseline that ships, once it fits the humanoid."""
+    copy_walker("baseline", config, output, log)
+
+
+def copy_walker(stage: str, config: Config, output: Path, log: StageLog) -> None:
+    """Copy a walker of the humanoid. Raises ArtifactError where it is one of another humanoid."""
+    copy(stage, output, log)
+    with closing(humanoid_env(config, num_envs=1)) as env:
+        read_walker(output, env)
+
+
+def copy(stage: str, output: Path, log: StageLog) -> None:
+    """Verify the artifact that ships and copy every file of it; say what made it."""
+    manifest = pretrained.shipped(stage)
+    for name in manifest.files:
+        write_bytes(output / name, (pretrained.PLACE / stage / name).read_bytes())
+    steps = manifest.config.get(f"{pretrained.GROUPS[stage]}.total_steps")
+    log.message(
+        f"pretrained, not trained here: {steps} steps in {format_duration(manifest.wall_time)} with seed "
+        f"{manifest.seed}, romgrl {manifest.versions.get('romgrl')}, revision {(manifest.revision or 'unknown')[:12]}"
+    )

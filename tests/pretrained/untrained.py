@@ -1,0 +1,61 @@
+"""Stages that save walkers which have learned nothing, and what ships of such walkers."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from contextlib import closing
+from pathlib import Path
+
+from romgrl import keys
+from romgrl.algorithms.ppo import save_policy
+from romgrl.artifacts import Manifest, write_manifest
+from romgrl.config import Config
+from romgrl.humanoid.model import fingerprint
+from romgrl.keys import stage_settings
+from romgrl.pretrained import GROUPS
+from romgrl.progress import StageLog
+from romgrl.stages.teacher import build_learner
+from romgrl.stages.walkers import humanoid_model, rom_env
+from tests.walkers import write_walker
+
+
+def teacher(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog) -> None:
+    with closing(rom_env(config, num_envs=1, episode_steps=10)) as env:
+        save_policy(output / "policy.safetensors", build_learner(config, env))
+    log.metrics({"speed": 1.0}, 10)
+
+
+def student(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog) -> None:
+    write_walker(output / "policy.safetensors", humanoid=fingerprint(humanoid_model(config)), seed=len(inputs))
+
+
+baseline = student
+
+
+def never(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog) -> None:
+    raise AssertionError(f"{output.parent.name} was trained")
+
+
+def replace_trainings(function: str = "") -> None:
+    """Put these functions, or one of them for all, in the place of the trainings."""
+    for name in GROUPS:
+        stage = keys.STAGES[name]
+        keys.STAGES[name] = keys.Stage(f"{__name__}:{function or name}", stage.upstream, stage.depends)
+
+
+def write_shipped(place: Path, config: Config) -> Path:
+    """Write what ships as manifests of trainings with this configuration; returns where."""
+    for stage in GROUPS:
+        (place / stage).mkdir(parents=True)
+        (place / stage / "content.txt").write_text(stage)
+        settings = json.loads(json.dumps(stage_settings(stage, config)))
+        facts = {"inputs": {}, "versions": {}, "revision": None, "dirty": None, "seed": 0, "wall_time": 1.0}
+        write_manifest(place / stage, stage=stage, key="0" * 16, config=settings, **facts)
+    return place
+
+
+def rewrite(directory: Path, manifest: Manifest) -> None:
+    """Describe the files of a directory anew, as what they were made as before."""
+    facts = {name: value for name, value in vars(manifest).items() if name not in ("files", "format")}
+    write_manifest(directory, **facts)
