@@ -15,7 +15,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_CONSTRAINT := $(CURDIR)/constraints.txt
 
 .DEFAULT_GOAL := help
-.PHONY: help install run test test-slow test-faults test-sanitizers bench peers lint format types docs clean
+.PHONY: help install run test test-slow test-faults test-sanitizers bench peers lint format types docs pretrained clean
 
 help: ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -70,6 +70,9 @@ types: $(PACKAGE) ## check types
 
 docs: $(PACKAGE) ## write docs/configuration.md from the schema
 	$(BIN)/python -m romgrl.config_docs
+
+pretrained: $(PACKAGE) ## ship the newest walkers under outputs that fit student=pretrained (other settings: ARGS="key=value")
+	$(BIN)/python -m romgrl.pretrained outputs $(ARGS)
 
 clean: ## remove what was built (results under outputs/ stay)
 	rm -rf $(VENV) build $(PEERS)
