@@ -192,6 +192,7 @@ MISFITS = (
     ("reference.warmup_steps", "reference.warmup_steps=401"),
     ("reference.episodes", "reference.episodes=2001"),
     ("teacher.minibatch_size", "teacher.minibatch_size=99999"),
+    ("teacher.pretrained", "student.pretrained=true"),
     ("teacher.rollout_steps", "teacher.num_envs=1 teacher.rollout_steps=1 teacher.minibatch_size=1"),
     ("discriminator.window", "discriminator.window=32 reference.episodes=100 evaluation.window=20"),
     ("discriminator.window", "discriminator.stride=32 discriminator.window=20"),

@@ -134,7 +134,9 @@ def good_values(config: Config, seed: int) -> Iterator[list[str]]:
     for key in draw.sample(list(keys), len(keys)):
         entry = keys[key]
         kind, value = kind_of(entry), value_of(config, key)
-        if kind.item == "bool":
+        if key.endswith(".pretrained"):
+            yield [key.replace(".", "=")]  # the preset: it needs more than this key
+        elif kind.item == "bool":
             yield [f"{key}={str(not value).lower()}"]
         elif entry.metadata["choices"] and key != "device":
             yield [f"{key}={draw.choice(entry.metadata['choices'])}"]

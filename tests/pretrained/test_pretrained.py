@@ -146,7 +146,7 @@ REFUSED = [
     ("seed", 1, "seed: 1 is not allowed; allowed: 0, as the pretrained teacher was trained"),
     ("humanoid.mass", 80.0, "humanoid.mass: 80.0 is not allowed; allowed: 71.8, as the pretrained teacher was trained"),
     ("humanoid.actuation", "torque", "humanoid.actuation: torque is not allowed; allowed: servo, as the pretrained"),
-    ("rom.stiffness", 9e3, "rom.stiffness: 9000.0 is not allowed; allowed: 24000.0, as the pretrained teacher"),
+    ("rom.friction", 0.5, "rom.friction: 0.5 is not allowed; allowed: 1.0, as the pretrained teacher was trained"),
     ("teacher.speed", 3.0, "teacher.speed: 3.0 is not allowed; allowed: 4.0, as the pretrained teacher was trained"),
     ("teacher.hidden_sizes", [8], "teacher.hidden_sizes: [8] is not allowed; allowed: [32, 32], as the pretrained"),
     ("teacher.pretrained", False, "teacher.pretrained: false is not allowed; allowed: true where student.pretrained"),
