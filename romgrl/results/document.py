@@ -19,7 +19,8 @@ from romgrl.results.joint import failures, joint_table, write_tables
 from romgrl.results.sweeps import Sweep, settings, sweeps
 from romgrl.results.verify import baseline_sheet, claims_sheet, counted, errors_sheet, warnings
 
-PAPER = "paper"  # the sweep whose cells the claims are compared with
+PAPER = "paper"
+CLAIMED = (PAPER, "walking")  # the sweeps whose cells the claims are compared with
 PRIVATE = ("paths", "tracking")  # what of a command is about one machine
 TRAININGS = ("teacher", "student", "baseline")
 PARTS = ("claims", "errors", "baseline")
@@ -74,7 +75,7 @@ def section(sweep: Sweep, jobs: list[JobResult], outputs: Path, directory: Path)
     shutil.rmtree(directory / ".new")
     text = [f"## {sweep.title}", "", *(f"    {public(line)}" for line in sweep.command.splitlines()), ""]
     text += [provenance(sweep, jobs), "", joint_table(cells), *failures(jobs), ""]
-    if sweep.name == PAPER:
+    if sweep.name in CLAIMED:
         text += claims(jobs, directory)
     for figure in sorted(directory.glob(f"{prefix}*.png")):
         text += [f"![{sweep.title}, {figure.stem.removeprefix(prefix)}](results/{figure.name})", ""]
