@@ -169,9 +169,8 @@ class Student:
     critic_target: str = key("how the twin target critics are joined", choices=("minimum", "mean"))
     mirror: bool = key("true: half of each batch is left-right mirrored")
     normalize_observation: bool = key("true: observations are standardised by their running mean and deviation")
-    policy_average: float = key(
-        "the saved policy is a running average with this decay; 0: the last one", low=0, high=0.99999
-    )
+    candidates: int = key("policies of the second half, the best of which is kept; 0: the last", low=0, high=1000)
+    policy_average: float = key("policies are running averages with this decay; 0: as they are", low=0, high=0.99999)
     pretrained: bool = key("true: nothing is trained; student and baseline that ship with the package are taken")
 
 

@@ -63,7 +63,12 @@ class RomGrl:
         if self.discriminator is None or not self.stored_reward:
             return 0.0
         judged()
-        return self.discriminator.reward(frames.to(self.buffer.frames.device))
+        return self.imitation(frames)
+
+    def imitation(self, frames: Tensor) -> Tensor:
+        """Imitation reward (N,) of windows with the discriminator as it is now, zeros without one."""
+        frames = frames.to(self.buffer.frames.device)
+        return frames.new_zeros(len(frames)) if self.discriminator is None else self.discriminator.reward(frames)
 
     def scale_learning_rates(self, scale: float) -> None:
         """Set all learning rates to their configured values times `scale`.

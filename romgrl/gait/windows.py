@@ -62,6 +62,11 @@ class WindowLayout:
         """Control steps in a row that a window is made of."""
         return (self.window - 1) * self.stride + 1 + self.velocities
 
+    def frame(self, info: Mapping[str, Float32], prefix: str = "") -> Float32:
+        """A control step (N, positions) from an environment's `info`; prefix "reset_" for the one after a reset."""
+        features = info[f"{prefix}features"]
+        return np.column_stack((features, info[f"{prefix}trunk_lean"])) if self.trunk else features
+
     def judged(self, steps: Float32) -> Float32:
         """Windows (N, size) of recorded control steps (N, span, positions); a view where nothing is left out."""
         frames = steps[:, int(self.velocities) :: self.stride]

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
 from romgrl.algorithms.rom_grl import RomGrl
@@ -26,6 +25,7 @@ from romgrl.progress import StageLog
 from romgrl.stages.health import HealthWatch
 from romgrl.stages.keeper import Keeper
 from romgrl.stages.learner import build_learner
+from romgrl.stages.selection import Candidates, choose
 from romgrl.stages.tally import EpisodeTally
 from romgrl.stages.walkers import humanoid_env
 
@@ -70,12 +70,14 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
     with second_lane(beside) as lane:
         learner = build_learner(config, env, columns, windows.layout, inputs.get("reference"), lane)
 
-        def save() -> None:
-            moments = learner.normalizer.mean_and_scale()
-            save_policy(output / "policy.safetensors", learner.sac, columns, *moments, humanoid)
+        candidates = Candidates(config.student.total_steps, config.student.candidates)
 
-        train(config, env, windows, learner, log, output, save)
-        save()
+        def save(moments: tuple[Tensor, Tensor] | None = None) -> None:
+            mean_and_scale = moments or learner.normalizer.mean_and_scale()
+            save_policy(output / "policy.safetensors", learner.sac, columns, *mean_and_scale, humanoid)
+
+        train(config, env, windows, learner, candidates, log, output, save)
+        save(choose(config, learner, candidates, columns, windows.layout, output, log))
 
 
 def window_layout(config: Config) -> WindowLayout:
@@ -89,21 +91,30 @@ def train(
     env: PlanarHumanoidVectorEnv,
     windows: FrameWindows,
     learner: RomGrl,
+    candidates: Candidates,
     log: StageLog,
     output: Path,
     save: Callable[[], None],
 ) -> None:
     """Act, step and learn: the physics of a step runs beside the updates, which use what was stored before it."""
     student, device = config.student, config.device
-    trunk = windows.layout.trunk
+    frame = windows.layout.frame
     tally = EpisodeTally(env.num_envs, config.humanoid.control_frequency)
     observation, info = env.reset(seed=config.seed)
-    windows.restart(frame(info, trunk, ""))
+    windows.restart(frame(info))
     loop = Loop(torch.from_numpy(observation).to(device))
     health = HealthWatch(config, output, log)
     keeper = Keeper(
         output,
-        {"loop": loop, "env": env, "windows": windows, "learner": learner, "tally": tally, "health": health},
+        {
+            "loop": loop,
+            "env": env,
+            "windows": windows,
+            "learner": learner,
+            "candidates": candidates,
+            "tally": tally,
+            "health": health,
+        },
         ring=learner.buffer,
         save_policy=save,
         seconds=config.checkpoint_seconds,
@@ -126,7 +137,7 @@ def train(
             check_physics(info["diverged"])
             check(observation=observation, reward=reward)
             following = torch.from_numpy(observation).to(device)
-            frames = torch.from_numpy(windows.push(frame(info, trunk, "")))
+            frames = torch.from_numpy(windows.push(frame(info)))
             learner.buffer.add(
                 loop.observation,
                 action,
@@ -139,7 +150,7 @@ def train(
             )
             learner.normalizer.update(following)
             finished = terminated | truncated
-            windows.restart(frame(info, trunk, "reset_"), finished)
+            windows.restart(frame(info, "reset_"), finished)
             tally.add(info, terminated, finished)
             loop.observation = following
             loop.metrics |= judged()
@@ -148,6 +159,7 @@ def train(
                 tell(log, loop, tally, learner, health, done, student.total_steps)
             if learner.just_stopped():
                 log.message(f"the discriminator stopped at step {done:,}: no better on held-out windows")
+            candidates.keep(done, learner)
             keeper.keep(done)
 
 
@@ -159,12 +171,6 @@ def tell(
     log.metrics(values, step)
     log.progress(step, total, speed=values["speed"], episode=values["episode_seconds"])
     health.add(values, step)
-
-
-def frame(info: dict[str, NDArray[np.float32]], trunk: bool, prefix: str) -> NDArray[np.float32]:
-    """Gait frame (N, 5), or (N, 6) with the trunk inclination; prefix "reset_" for the one after a reset."""
-    features = info[f"{prefix}features"]
-    return np.column_stack((features, info[f"{prefix}trunk_lean"])) if trunk else features
 
 
 def explore(learner: RomGrl, current: Tensor, env: PlanarHumanoidVectorEnv, *, random: bool) -> Tensor:
