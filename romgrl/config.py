@@ -257,6 +257,7 @@ class Tracking:
     enabled: bool = key("false: nothing is logged to MLflow")
     uri: str | None = key("tracking server; null: SQLite under paths.outputs")
     experiment: str = key("MLflow experiment")
+    system_metrics: bool = key("true: the run of a job gets the load of the machine: processor, memory, disk, GPU")
 
 
 @dataclass

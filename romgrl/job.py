@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -28,6 +28,8 @@ from romgrl.progress import TerminalLog, format_duration
 from romgrl.provenance import git_state, versions
 from romgrl.recorder import RecordedRun, Recorder
 from romgrl.remote import fetch_artifact
+from romgrl.summary import headline, result_metrics
+from romgrl.titles import stage_note, stage_title
 from romgrl.worker import Runner, working_lock
 from romgrl.workspace import Workspace
 
@@ -46,8 +48,10 @@ class Job:
     recorder: Recorder
     run: RecordedRun
     bars: Progress
+    overrides: Sequence[str] = ()
     directories: dict[str, Path] = field(default_factory=dict)
     finished: dict[str, Path] = field(default_factory=dict)
+    manifests: dict[str, Manifest] = field(default_factory=dict)
     reused: dict[str, Manifest] = field(default_factory=dict)
     stopping: threading.Event = field(default_factory=threading.Event)
 
@@ -86,7 +90,7 @@ class Job:
         with storage_faults(directory), exclusive(directory, say=self.say, stopping=self.stopping.is_set):
             reused = directory.exists() or fetch_artifact(self.recorder, directory, self.say)
             manifest = self.verify(stage, directory) if reused else self.make(stage, directory, runner, threads)
-        self.finished[stage] = directory
+        self.finished[stage], self.manifests[stage] = directory, manifest
         if reused:
             Workspace(directory).close()  # whoever made it may not have come to that
             self.say(f"{stage}: reused; it took {format_duration(manifest.wall_time)}")
@@ -112,12 +116,12 @@ class Job:
         """Run a stage in its workspace, describe what it wrote, and publish the whole."""
         config = replace(stage_config(stage, self.config), threads=threads)
         inputs = {upstream: self.finished[upstream] for upstream in STAGES[stage].upstream}
-        digests = {upstream: self.verify(upstream, path).digest for upstream, path in inputs.items()}
+        upstream = {name: self.verify(name, path) for name, path in inputs.items()}
         settings = stage_settings(stage, self.config)
         workspace = Workspace(directory)
         with working_lock(workspace.partial):
             goes_on = workspace.open()
-        run = self.start_run(stage, directory.name, inputs, settings, threads, workspace.run_id)
+        run = self.start_run(stage, directory.name, upstream, settings, threads, workspace.run_id)
         workspace.note(run.local_id, workspace.seconds)
         self.say(f"{stage}: {'goes on' if goes_on else 'started'}, {threads} thread{'s' if threads > 1 else ''}")
         start, status = time.monotonic(), "FAILED"
@@ -133,7 +137,7 @@ class Job:
                 stage=stage,
                 key=directory.name,
                 config=settings,
-                inputs=digests,
+                inputs={name: each.digest for name, each in upstream.items()},
                 versions=versions(),
                 revision=revision,
                 dirty=dirty,
@@ -144,6 +148,8 @@ class Job:
             )
             publish(workspace.partial, directory)
             run.tags(health_tags(directory))
+            if stage == "evaluation":
+                run.metrics(headline(result_metrics(directory)), 0)
             run.artifacts(directory)
             workspace.close()
             status = "FINISHED"
@@ -163,12 +169,15 @@ class Job:
         self,
         stage: str,
         key: str,
-        inputs: Mapping[str, Path],
+        upstream: Mapping[str, Manifest],
         settings: Mapping[str, object],
         threads: int,
         run_id: str | None,
     ) -> RecordedRun:
         """The MLflow run of a stage; that of an earlier attempt goes on."""
-        upstream = " ".join(f"{name}={path.name}" for name, path in inputs.items())
-        tags = {"stage": stage, "key": key, "upstream": upstream, "threads": str(threads)}
-        return self.recorder.start(stage, parent=self.run, tags=tags, params=settings, run_id=run_id)
+        read = " ".join(f"{name}={each.key}" for name, each in upstream.items())
+        tags = {"stage": stage, "key": key, "upstream": read, "threads": str(threads)}
+        title = stage_title(stage, self.config, self.overrides)
+        run = self.recorder.start(title, parent=self.run, tags=tags, params=settings, run_id=run_id)
+        run.describe(stage_note(title, stage, key, upstream))
+        return run

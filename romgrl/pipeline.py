@@ -20,8 +20,9 @@ from romgrl.keys import STAGES, plan, share_threads
 from romgrl.misfits import validate
 from romgrl.pretrained import require_shipped
 from romgrl.progress import make_bars
-from romgrl.recorder import open_recorder, sync, ui_command
-from romgrl.summary import result_metrics, result_tables, robustness_metrics
+from romgrl.recorder import SYSTEM_METRICS, open_recorder, sync, ui_command
+from romgrl.summary import TRAINING_MINUTES, headline, result_metrics, result_tables, robustness_metrics
+from romgrl.titles import job_note, job_title
 from romgrl.worker import Worker, execute
 
 WIDEST_TABLE = 150  # columns; wider than many terminals, so that no verdict is cut off
@@ -47,9 +48,12 @@ def run(
     outputs = Path(config.paths.outputs)
     tracking = config.tracking
     recorder = open_recorder(tracking.uri, tracking.experiment, outputs, enabled=tracking.enabled)
-    tracked = recorder.start(name, parent=parent, tags={"stage": "job"}, params=asdict(config))
+    overrides = [text for text in name.split(" ") if "=" in text]
+    title = redacted(job_title(name, config, overrides))
+    tags = {"stage": "job"} | ({SYSTEM_METRICS: "true"} if tracking.system_metrics else {})
+    tracked = recorder.start(title, parent=parent, tags=tags, params=asdict(config))
     console = console or Console()
-    job = Job(config, recorder, tracked, make_bars(console))
+    job = Job(config, recorder, tracked, make_bars(console), overrides)
     if parent is not None:
         job.say(f"job: {redacted(name)}")
     status = "FAILED"
@@ -57,6 +61,7 @@ def run(
         with job.bars:
             run_stages(job)
         job.record_reuse()
+        describe(job, title)
         if "evaluation" in job.finished:
             tracked.metrics(result_metrics(job.finished["evaluation"]), 0)
         if "robustness" in job.finished:
@@ -76,6 +81,15 @@ def run(
     if tracking.enabled:
         job.say(f"compare runs: {ui_command(recorder.uri)}")
     return job.finished
+
+
+def describe(job: Job, title: str) -> None:
+    """Give the job's run its description and the numbers that the UI shows first."""
+    numbers = headline(result_metrics(job.finished["evaluation"])) if "evaluation" in job.finished else {}
+    if {"teacher", "student", "baseline"} <= job.manifests.keys():
+        numbers |= {TRAINING_MINUTES: sum(each.wall_time for each in job.manifests.values()) / 60}
+    job.run.metrics(numbers, 0)
+    job.run.describe(job_note(title, job.manifests, job.reused, numbers))
 
 
 def bring_the_rest(config: Config, console: Console) -> dict[str, Path]:

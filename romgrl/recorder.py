@@ -22,6 +22,8 @@ from romgrl.journal import Journal, journal_directory, redacted
 from romgrl.tracking_process import TrackingProcess
 
 LOCAL = "local:"  # before the id of a run that MLflow has not named yet
+NOTE = "mlflow.note.content"  # the tag of a description, which the UI shows as Markdown
+SYSTEM_METRICS = "romgrl.system_metrics"  # the tag of a run that gets the load of its machine
 LOG = "tracking.log"  # beside the journals: what the process of MLflow would print
 
 
@@ -202,6 +204,10 @@ class RecordedRun:
     def tags(self, tags: Mapping[str, str]) -> None:
         """Set tags."""
         self.request("tags", tags=dict(tags))
+
+    def describe(self, text: str) -> None:
+        """Set the description, in Markdown."""
+        self.tags({NOTE: redacted(text)})
 
     def metrics(self, values: Mapping[str, float], step: int) -> None:
         """Record numbers at a step."""

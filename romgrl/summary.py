@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import csv
 import math
+from collections.abc import Mapping
 from pathlib import Path
 
 from rich.table import Table
+
+from romgrl.gait.features import CHANNELS
 
 Rows = list[dict[str, str]]
 ALIGNMENTS = ("aligned", "raw")
@@ -15,6 +18,18 @@ ALL = "all"
 MEASURED = ("baseline", "student", "teacher_floor", "baseline_p", "student_p")
 GROWING = ("push_forward", "push_backward", "observation_noise")
 HALF = 0.5
+HEADLINE = {
+    "01_reduction_percent": "average/aligned/reduction_percent",
+    "02_weakest_reduction_percent": "weakest/aligned/reduction_percent",
+    "03_error_student": "average/aligned/student",
+    "04_error_baseline": "average/aligned/baseline",
+    "05_falls_percent": "student/falls_percent",
+    "06_speed_m_per_s": "student/steady_speed_m_per_s",
+    "07_stride_frequency_hz": "student/stride_frequency_hz",
+    "08_duty_factor": "student/duty_factor",
+    "09_trunk_lean_deg": "student/trunk_lean_deg",
+}  # numbers that matter most, and the names under which MLflow shows them before all others
+TRAINING_MINUTES = "10_training_minutes"
 SHOWN = ("baseline", "student", "reduction_percent")
 
 
@@ -38,6 +53,29 @@ def result_metrics(evaluation: Path) -> dict[str, float]:
             prefix = "/".join(row.pop(column) for column in names)
             metrics |= {f"{prefix}/{column}": number(cell) for column, cell in row.items() if column != "unit"}
     return {name: value for name, value in metrics.items() if math.isfinite(value)}
+
+
+def headline(numbers: Mapping[str, float]) -> dict[str, float]:
+    """The numbers of an evaluation that matter most, by the names that bring them to the front."""
+    known = with_weakest(with_falls(dict(numbers)))
+    return {name: known[source] for name, source in HEADLINE.items() if source in known}
+
+
+def with_falls(numbers: dict[str, float]) -> dict[str, float]:
+    """Numbers with the share of episodes that ended in a fall."""
+    for name in [name for name in numbers if name.endswith("/falls")]:
+        walker = name.removesuffix("/falls")
+        episodes = numbers.get(f"{walker}/episodes", math.nan)
+        if episodes > 0 and math.isfinite(numbers[name]):
+            numbers = numbers | {f"{walker}/falls_percent": 100.0 * numbers[name] / episodes}
+    return numbers
+
+
+def with_weakest(numbers: dict[str, float]) -> dict[str, float]:
+    """Numbers with the reduction of the channel that has least, where all channels have one."""
+    reductions = [numbers.get(f"{channel}/aligned/reduction_percent", math.nan) for channel in CHANNELS]
+    weakest = {"weakest/aligned/reduction_percent": min(reductions)} if all(map(math.isfinite, reductions)) else {}
+    return numbers | weakest
 
 
 def robustness_metrics(robustness: Path) -> dict[str, float]:

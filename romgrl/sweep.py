@@ -99,7 +99,8 @@ class SweepCallback(Callback):
         outputs = Path(str(config.paths.outputs)).expanduser().resolve()
         self._recorder = open_recorder(tracking.uri, str(tracking.experiment), outputs, enabled=tracking.enabled)
         overrides = [*config.hydra.overrides.task]
-        name = "sweep " + " ".join(overrides) if overrides else f"sweep {config.hydra.job.config_name}"
+        stored = str(config.hydra.job.config_name)
+        name = " ".join(["sweep", *([stored] if stored != "config" or not overrides else []), *overrides])
         loader = GlobalHydra.instance().config_loader()
         planned = sweep_jobs([*stored_sweep(config), *overrides], loader)
         jobs = len(planned)

@@ -17,7 +17,7 @@ from romgrl.gait.features import CHANNELS
 from romgrl.results.finished import TEACHER, Catalogue, Evaluation, catalogue, read_evaluation
 from romgrl.results.statistics import improvement_interval, probability_of_improvement, summarize
 from romgrl.results.sweeps import JobEnd, Sweep, settings
-from romgrl.summary import result_metrics
+from romgrl.summary import result_metrics, with_falls
 
 SEED = "seed"
 ERRORS = [f"{channel}/aligned" for channel in (*CHANNELS, "average")] + ["average/raw"]
@@ -100,15 +100,6 @@ def known_manifest(directory: Path, known: Catalogue) -> Manifest:
 def located(outputs: Path, path: Path) -> Path:
     """Where an artifact is in these outputs, which may be a copy from another place."""
     return outputs / "artifacts" / path.parent.name / path.name
-
-
-def with_falls(numbers: dict[str, float]) -> dict[str, float]:
-    """Numbers with the share of episodes that ended in a fall."""
-    for walker in WALKERS:
-        episodes, falls = (numbers.get(f"{walker}/{name}", math.nan) for name in ("episodes", "falls"))
-        if episodes > 0 and math.isfinite(falls):
-            numbers = numbers | {f"{walker}/falls_percent": 100.0 * falls / episodes}
-    return numbers
 
 
 def short_budgets(made_with: Mapping[str, Any], usual: Mapping[str, float]) -> tuple[str, ...]:

@@ -12,9 +12,8 @@ from typing import Any
 from romgrl.artifacts import Manifest, open_artifact, read_manifest
 from romgrl.config import Config
 from romgrl.errors import ArtifactError
-from romgrl.gait.features import CHANNELS
 from romgrl.keys import STAGES, stage_settings, upstream_of
-from romgrl.summary import result_metrics
+from romgrl.summary import result_metrics, with_weakest
 from romgrl.validation import show
 
 LINEAGE = tuple(stage for stage in STAGES if stage in upstream_of("evaluation") | {"evaluation"})
@@ -66,15 +65,12 @@ def read_evaluation(directory: Path, known: Catalogue) -> Evaluation:
     for teacher in lineage.get("teacher", [])[:1]:
         own = result_metrics(directory.parent.with_name("teacher") / teacher.key)
         numbers |= {f"{TEACHER}/{name.partition('/')[2]}": value for name, value in own.items()}
-    return Evaluation(directory, manifest, lineage, numbers | derived(numbers))
+    return Evaluation(directory, manifest, lineage, with_weakest(numbers) | derived(numbers))
 
 
 def derived(numbers: Mapping[str, float]) -> dict[str, float]:
-    """The reduction of the channel that has least, and how far the student's cadence is from the teacher's."""
+    """How far the student's cadence is from the teacher's."""
     found = {}
-    reductions = [numbers.get(f"{channel}/aligned/reduction_percent", math.nan) for channel in CHANNELS]
-    if all(map(math.isfinite, reductions)):
-        found["weakest/aligned/reduction_percent"] = min(reductions)
     student, teacher = (numbers.get(f"{walker}/stride_frequency_hz", math.nan) for walker in ("student", "teacher"))
     if math.isfinite(student) and teacher > 0:
         found["student/stride_frequency_deviation_percent"] = 100.0 * abs(student / teacher - 1.0)

@@ -18,7 +18,7 @@ from typing import Any
 
 from romgrl.errors import RomgrlError
 from romgrl.journal import HIDDEN, BusyError, JournalError, Outbox, journal_directory, journals, redacted
-from romgrl.recorder import LOCAL, default_uri
+from romgrl.recorder import LOCAL, SYSTEM_METRICS, default_uri
 from romgrl.tracking.fetching import download, find
 from romgrl.tracking.sender import ParentError, Sender
 from romgrl.tracking.store import FAILURES, RefusedError, Store, first_line
@@ -126,6 +126,8 @@ class Live:
         for uid in self._own.starts.keys() & self.known.keys() - self._told:
             self._told.add(uid)
             self.link.say("run", uid, self.known[uid])
+            if SYSTEM_METRICS in self._own.starts[uid]["tags"]:
+                self.store.watch_machine(self.known[uid])
         if ended:
             return not self._own.end()
         return moved or self.send_older()

@@ -21,6 +21,7 @@ os.environ.setdefault("MLFLOW_HTTP_REQUEST_TIMEOUT", "5")
 os.environ.setdefault("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "0")  # what failed is sent again from the journal
 os.environ.setdefault("MLFLOW_ENABLE_ARTIFACTS_PROGRESS_BAR", "false")
 
+import pandas as pd
 from filelock import FileLock
 from mlflow import MlflowClient
 from mlflow.entities import Metric, Param, Run, RunTag, ViewType
@@ -34,6 +35,8 @@ METRICS_PER_BATCH = 1000  # MLflow's own limits of one request
 PARAMS_PER_BATCH = 100
 PARAM_LENGTH = 6000
 NAME_LENGTH = 250
+TABLES = "tables"  # the folder of a run that has them
+TABULATED = {f"{name}.csv" for name in ("mse", "distances", "gait", "robustness", "floquet", "jobs", "cells")}
 NOT_IN_NAMES = re.compile(r"[^\w\-. :/]")
 PARENT_TAG = "mlflow.parentRunId"
 UID_TAG = "romgrl.uid"
@@ -156,6 +159,25 @@ class Store:
         for file in sorted(path for path in directory.rglob("*") if path.is_file()):
             folder = file.parent.relative_to(directory)
             self.request("log_artifact", run_id, str(file), None if folder == Path() else folder.as_posix())
+            if file.name in TABULATED and folder == Path():
+                self.table(run_id, file)
+
+    def watch_machine(self, run_id: str) -> None:
+        """Record the load of this machine, in a thread that ends once the run has or the store is away."""
+        from mlflow.system_metrics.system_metrics_monitor import SystemMetricsMonitor
+
+        SystemMetricsMonitor(run_id, tracking_uri=self.uri).start()
+
+    def table(self, run_id: str, file: Path) -> None:
+        """Log a CSV file as a table of the UI, too; one that is there already stays, as MLflow would add to it."""
+        name = f"{TABLES}/{file.stem}.json"
+        if any(known.path == name for known in self.request("list_artifacts", run_id, TABLES)):
+            return
+        try:
+            rows = pd.read_csv(file)
+        except ValueError as error:
+            raise RefusedError(f"{file}: {first_line(error)}") from error
+        self.request("log_table", run_id, rows, name)
 
     def finish(self, experiment: str, run_id: str, entry: Entry) -> None:
         """Close a run, unless it went on after this request; runs that a lost answer made are deleted."""

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import io
+import json
 import subprocess
 import sys
 import time
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -16,8 +18,9 @@ from rich.console import Console
 
 from romgrl import pipeline
 from romgrl.config import STAGES, Config
-from romgrl.recorder import default_uri, open_recorder, sync
-from romgrl.tracking.store import PARENT_TAG, Store
+from romgrl.recorder import NOTE, default_uri, open_recorder, sync
+from romgrl.summary import TRAINING_MINUTES
+from romgrl.tracking.store import PARENT_TAG, RefusedError, Store
 from tests.pipeline.conftest import ROOT, Command, start
 
 
@@ -39,7 +42,11 @@ def test_one_run_per_stage_under_one_job(smoke_config: Config) -> None:
     runs = {run.data.tags["stage"]: run for run in all_runs(outputs)}
     assert set(runs) == {"job", *STAGES}
     job, student = runs["job"], runs["student"]
-    assert job.info.run_name == "mine"
+    assert job.info.run_name == "mine v=4 eta=0.5 noise=0.05 s=0"
+    assert student.info.run_name == "student v=4 eta=0.5 noise=0.05 s=0"
+    assert runs["baseline"].info.run_name == "baseline v=4 s=0"
+    assert f"- [reference](#/runs/{runs['reference'].info.run_id})" in student.data.tags[NOTE]
+    assert f"| [student](#/runs/{student.info.run_id}) | made | 0:0" in job.data.tags[NOTE]
     assert all(runs[stage].data.tags[PARENT_TAG] == job.info.run_id for stage in STAGES)
     assert all(run.info.status == "FINISHED" for run in runs.values())
     assert student.data.tags["key"] == finished["student"].name
@@ -48,11 +55,11 @@ def test_one_run_per_stage_under_one_job(smoke_config: Config) -> None:
     assert student.data.params["student.gamma"] == str(smoke_config.student.gamma)
     assert student.data.params["eta"] == "0.5"
     assert job.data.params["teacher.speed"] == "4.0"
-    assert job.data.metrics == {
-        "average/raw/baseline": 2,
-        "average/raw/student": 1,
-        "average/raw/reduction_percent": 50,
+    numbers = {
+        f"average/raw/{name}": value for name, value in (("baseline", 2), ("student", 1), ("reduction_percent", 50))
     }
+    assert 0 < job.data.metrics.pop(TRAINING_MINUTES) < 1
+    assert job.data.metrics == numbers
     assert "rom.stiffness" not in student.data.params
     client = MlflowClient(tracking_uri=default_uri(outputs))
     history = client.get_metric_history(student.info.run_id, "loss")
@@ -64,6 +71,9 @@ def test_one_run_per_stage_under_one_job(smoke_config: Config) -> None:
         "policy.safetensors",
     }
     assert (outputs / "mlartifacts").is_dir()
+    assert '"path": "tables/mse.json", "type": "table"' in runs["evaluation"].data.tags["mlflow.loggedArtifacts"]
+    table = json.loads(Path(client.download_artifacts(runs["evaluation"].info.run_id, "tables/mse.json")).read_text())
+    assert table["data"] == [["average", "raw", 2, 1, 50]]
     text = console.file.getvalue()
     assert f"mlflow run: {student.info.run_id}\n" in text
     assert f"mlflow ui --backend-store-uri sqlite:///{outputs.resolve()}/mlflow.db --host 127.0.0.1\n" in text
@@ -215,3 +225,30 @@ def test_jobs_of_a_sweep_share_a_process(tmp_path: Path) -> None:
     assert elsewhere is not one
     assert elsewhere.start("x", tags={}).run_id is None
     elsewhere.close()
+
+
+@pytest.mark.usefixtures("fakes")
+def test_the_load_of_the_machine_is_recorded_on_request(smoke_config: Config, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("MLFLOW_SYSTEM_METRICS_SAMPLING_INTERVAL", "0.1")
+    monkeypatch.setenv("FAKE_SECONDS", "0.3")
+    tracking = replace(smoke_config.tracking, system_metrics=True)
+    pipeline.run(replace(smoke_config, tracking=tracking), console=Console(file=io.StringIO()))
+    runs = {run.data.tags["stage"]: run.data.metrics for run in all_runs(Path(smoke_config.paths.outputs))}
+    assert 0 < runs["job"]["system/system_memory_usage_percentage"] < 100
+    assert "system/cpu_utilization_percentage" in runs["job"]
+    assert not [name for name in runs["student"] if name.startswith("system/")]
+
+
+def test_tables_are_logged_once(tmp_path: Path) -> None:
+    """What is sent again after a lost answer does not double the rows; a file that is no table is refused."""
+    store = Store(default_uri(tmp_path), tmp_path)
+    run_id = store.request("create_run", store.experiment_id("romgrl")).info.run_id
+    (tmp_path / "results").mkdir()
+    (tmp_path / "results" / "mse.csv").write_text("channel,student\npelvis_y,0.25\n")
+    for _ in range(2):
+        store.artifacts(run_id, tmp_path / "results")
+    table = Path(store.request("download_artifacts", run_id, "tables/mse.json"))
+    assert json.loads(table.read_text()) == {"columns": ["channel", "student"], "data": [["pelvis_y", 0.25]]}
+    (tmp_path / "results" / "gait.csv").write_text("")
+    with pytest.raises(RefusedError, match=r"gait\.csv: No columns"):
+        store.artifacts(run_id, tmp_path / "results")
