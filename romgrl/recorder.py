@@ -59,12 +59,18 @@ def flatten(settings: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     return flat
 
 
+def is_bare(directory: Path) -> bool:
+    """Tell whether a directory has no directories, or is not there."""
+    return not directory.is_dir() or not any(path.is_dir() for path in directory.iterdir())
+
+
 class Recorder:
     """Makes runs in one store; disabled: all runs do nothing. No method raises because of the store or the journal."""
 
     def __init__(self, uri: str, experiment: str, outputs: Path, *, enabled: bool = True) -> None:
         self.uri = uri
         self.users = 1
+        self._has_a_past = uri.startswith("sqlite:") and Path(uri.removeprefix("sqlite:///")).is_file()
         self._outputs = outputs
         self._told: set[str] = set()
         self.journal: Journal | None = None
@@ -129,11 +135,13 @@ class Recorder:
         return known.get(uid, LOCAL + uid)
 
     def fetch(self, stage: str, key: str, directory: Path) -> bool:
-        """Download the artifact of a stage key from a tracking server to `directory`, unverified; False if it has none.
+        """Download the artifact of a stage key from MLflow to `directory`, unverified; False if it has none.
 
-        A server that is away has none. Artifacts of a store on this disk are on this disk, too.
+        A server that is away has none. What a store on this disk has is on this disk, too, unless all artifacts of the
+        stage were removed.
         """
-        if self.process is None or not self.uri.startswith("http"):
+        asked = self.uri.startswith("http") or (self._has_a_past and is_bare(directory.parent))
+        if self.process is None or not asked:
             return False
         answer = self.process.fetch(stage, key, directory)
         if answer not in ("whole", "none"):

@@ -1,4 +1,4 @@
-"""Artifacts that another machine made, taken from a tracking server."""
+"""Artifacts that another machine made, or that are gone from this disk, taken from MLflow."""
 
 from __future__ import annotations
 

@@ -98,6 +98,11 @@ def robustness_metrics(robustness: Path) -> dict[str, float]:
     return {name: value for name, value in metrics.items() if math.isfinite(value)}
 
 
+def run_link(text: str, run_id: str | None) -> str:
+    """A link to a run in the UI of MLflow, in Markdown; plain text where the run was not tracked."""
+    return f"[{text}](#/runs/{run_id})" if run_id else text
+
+
 def read_rows(path: Path) -> Rows:
     """The rows of a CSV file, none if there is no file."""
     return list(csv.DictReader(path.read_text().splitlines())) if path.is_file() else []

@@ -140,7 +140,7 @@ class SweepCallback(Callback):
 
     def _join(self) -> None:
         """Tables and figures of all jobs, for the parent run; a sweep has not failed where they cannot be made."""
-        from romgrl.results.joint import write_joint  # takes a second to import
+        from romgrl.results.joint import TABLE, write_joint  # takes a second to import
 
         try:
             directory = write_joint(read_sweep(self._directory), self._outputs)
@@ -148,6 +148,7 @@ class SweepCallback(Callback):
             print(f"sweep: no tables and figures: {error}", file=sys.stderr)
             return
         self._run.artifacts(directory)
+        self._run.describe((directory / TABLE).read_text())
         print(f"sweep: tables and figures of all jobs: {directory}", flush=True)
 
     def _end(self, status: str) -> None:

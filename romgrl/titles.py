@@ -9,6 +9,7 @@ from romgrl.config import Config
 from romgrl.keys import STAGES, stage_config, upstream_of
 from romgrl.progress import format_duration
 from romgrl.results.sweeps import settings
+from romgrl.summary import run_link
 from romgrl.validation import value_of
 
 KNOBS = {"speed": "v", "eta": "eta", "noise": "noise", "seed": "s"}
@@ -42,17 +43,12 @@ def joined(first: str, knobs: Mapping[str, str], config: Config, chosen: Mapping
     return " ".join([first, *shown, *rest])
 
 
-def link(text: str, run_id: str | None) -> str:
-    """A link to a run in the UI of MLflow; plain text where the run was not tracked."""
-    return f"[{text}](#/runs/{run_id})" if run_id else text
-
-
 def stage_note(title: str, stage: str, key: str, upstream: Mapping[str, Manifest]) -> str:
     """The description of a stage's run, in Markdown: what it is, and the runs that made what it reads."""
     lines = [f"**{title}**", "", f"Artifact `{stage}/{key}`."]
     if upstream:
         lines += ["", "Made from:", ""]
-        lines += [f"- {link(name, each.run_id)} `{each.key}`" for name, each in upstream.items()]
+        lines += [f"- {run_link(name, each.run_id)} `{each.key}`" for name, each in upstream.items()]
     return "\n".join(lines)
 
 
@@ -64,7 +60,7 @@ def job_note(
     for stage in (stage for stage in STAGES if stage in made):
         each = made[stage]
         how = "reused" if stage in reused else "made"
-        lines.append(f"| {link(stage, each.run_id)} | {how} | {format_duration(each.wall_time)} | `{each.key}` |")
+        lines.append(f"| {run_link(stage, each.run_id)} | {how} | {format_duration(each.wall_time)} | `{each.key}` |")
     if numbers:
         lines += ["", "| number | |", "|---|---:|", *(f"| {name} | {value:.4g} |" for name, value in numbers.items())]
     return "\n".join(lines)

@@ -59,7 +59,7 @@ ALLOWED = {
     "workspace": {"artifacts", "checkpoint"},
     "provenance": set(),
     "summary": {"gait"},
-    "titles": {"artifacts", "config", "keys", "progress", "results", "validation"},
+    "titles": {"artifacts", "config", "keys", "progress", "results", "summary", "validation"},
     "journal": set(),
     "recorder": {"errors", "journal", "tracking_process"},
     "tracking": {"artifacts", "errors", "journal", "recorder"},

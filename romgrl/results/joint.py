@@ -10,8 +10,10 @@ import pandas as pd
 
 from romgrl.report.tables import markdown
 from romgrl.results.cells import SEED, JobResult, cells_table, jobs_table, results
+from romgrl.results.cost import best_jobs, cost
 from romgrl.results.sweeps import RESULTS, Sweep
 
+TABLE = "table.md"
 COLUMNS = {
     "average/aligned/reduction_percent": "reduction [%]",
     "weakest/aligned/reduction_percent": "weakest channel [%]",
@@ -37,7 +39,9 @@ def write_joint(sweep: Sweep, outputs: Path) -> Path:
     directory = sweep.directory / RESULTS
     found = results(sweep, outputs)
     cells, _ = write_tables(sweep, found, directory)
-    (directory / "table.md").write_text("\n".join([f"# {sweep.title}", "", joint_table(cells), *failures(found)]))
+    command = ["Started by", "", f"    {sweep.command}", ""]
+    lines = [f"# {sweep.title}", "", joint_table(cells), *failures(found), "", *best_jobs(found), ""]
+    (directory / TABLE).write_text("\n".join([*lines, *cost(sweep, found, outputs), "", *command]))
     return directory
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from itertools import product
+from itertools import combinations, product
 from typing import Any
 
 import numpy as np
@@ -44,15 +44,15 @@ Keys = tuple[str, ...]
 
 
 def figures(cells: pd.DataFrame, jobs: pd.DataFrame, title: str) -> dict[str, Figure]:
-    """Figures by name: `by_eta` for every swept key, `map_eta_noise` where there are two."""
+    """Figures by name: `by_eta` for every swept key, `map_eta_noise` for every two of them."""
     if cells.empty:
         return {}
     keys = [name for name in cells.columns[: list(cells.columns).index("number")] if name != SEED]
     students = "average/aligned/reduction_percent" in set(cells["number"])
     panels, maps = (PANELS, MAPS) if students else (TEACHER_PANELS, TEACHER_MAPS)
     found = {f"by_{plain(key)}": against(key, keys, cells, jobs, panels, title) for key in keys}
-    if len(keys) == 2:
-        found[f"map_{plain(keys[0])}_{plain(keys[1])}"] = heat_maps(keys, cells, maps, title)
+    for pair in combinations(keys, 2):
+        found[f"map_{plain(pair[0])}_{plain(pair[1])}"] = heat_maps(pair, cells, maps, title)
     return found
 
 
@@ -143,13 +143,13 @@ def draw(
         axes.plot(dots, seeds[measure].to_numpy(float), "o", color=color, markersize=3.2, alpha=0.45, linewidth=0)
 
 
-def heat_maps(keys: list[str], cells: pd.DataFrame, maps: Keys, title: str) -> Figure:
-    """Means over seeds where two keys vary; empty where no job of a cell has the number."""
+def heat_maps(keys: tuple[str, str], cells: pd.DataFrame, maps: Keys, title: str) -> Figure:
+    """Means over seeds, and over what else varies, against two keys; empty where no job has the number."""
     figure = new_figure(11.0, 3.9)
     rows, columns = (ordered(cells[key]) for key in keys)
     for axes, measure in zip(figure.subplots(1, len(maps)), maps, strict=True):
         grid = np.full((len(rows), len(columns)), math.nan)
-        found = cells[cells["number"] == measure]
+        found = cells[cells["number"] == measure].groupby([*keys], as_index=False)["mean"].mean()
         for row, column, mean in zip(found[keys[0]], found[keys[1]], found["mean"], strict=True):
             grid[rows.index(row), columns.index(column)] = mean
         axes.set_title(measure, fontsize=9, color=INK, loc="left")

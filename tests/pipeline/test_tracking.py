@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import shutil
 import subprocess
 import sys
 import time
@@ -17,6 +18,7 @@ from mlflow.entities import Run
 from rich.console import Console
 
 from romgrl import pipeline
+from romgrl.artifacts import open_artifact, read_manifest
 from romgrl.config import STAGES, Config
 from romgrl.recorder import NOTE, default_uri, open_recorder, sync
 from romgrl.summary import TRAINING_MINUTES
@@ -252,3 +254,19 @@ def test_tables_are_logged_once(tmp_path: Path) -> None:
     (tmp_path / "results" / "gait.csv").write_text("")
     with pytest.raises(RefusedError, match=r"gait\.csv: No columns"):
         store.artifacts(run_id, tmp_path / "results")
+
+
+@pytest.mark.usefixtures("fakes")
+def test_a_report_is_rebuilt_from_mlflow_alone(smoke_config: Config) -> None:
+    """All artifacts of the disk are gone; the store of MLflow has them, and nothing is trained again."""
+    config = replace(smoke_config, stage="report")
+    outputs = Path(config.paths.outputs)
+    before = {
+        name: read_manifest(path) for name, path in pipeline.run(config, console=Console(file=io.StringIO())).items()
+    }
+    shutil.rmtree(outputs / "artifacts")
+    console = Console(file=io.StringIO(), width=200)
+    finished = pipeline.run(config, console=console)
+    assert {name: open_artifact(path, stage=name) for name, path in finished.items()} == before
+    assert not (outputs / "artifacts" / "calls.txt").exists()
+    assert console.file.getvalue().count(": fetched from the tracking server") == len(STAGES)

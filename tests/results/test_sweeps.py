@@ -153,3 +153,27 @@ def test_two_keys_have_lines_and_a_map_and_many_have_points(default_config: Conf
     (points,) = found["by_eta"].axes[0].containers
     assert len(points.lines[0].get_xdata()) == 14
     assert "the 7 combinations of noise together" in found["by_eta"].get_suptitle()
+
+
+def test_every_two_of_three_keys_have_a_map_over_the_rest(default_config: Config, tmp_path: Path) -> None:
+    values = {"eta": ["0.3", "0.7"], "noise": ["0.05", "0.1"], "speed": ["1", "4"]}
+    found = drawn(swept(tmp_path, default_config, values), tmp_path)
+    assert {name for name in found if name.startswith("map")} == {"map_eta_noise", "map_eta_speed", "map_noise_speed"}
+    grid = found["map_noise_speed"].axes[0].images[0].get_array()
+    assert grid.ravel().tolist() == pytest.approx([80.0] * 4)  # of 84 at eta 0.3 and 76 at 0.7
+    assert found["map_noise_speed"].axes[0].get_xlabel() == "speed"
+
+
+def test_best_jobs_cost_and_reuse(default_config: Config, tmp_path: Path) -> None:
+    sweep = swept(tmp_path, default_config, {"eta": ["0.3", "0.7"], "seed": ["0", "1"]})
+    text = (write_joint(sweep, tmp_path) / "table.md").read_text()
+    best = text.partition("## Best jobs")[2].splitlines()[4]
+    assert best.startswith("| 0.3 | 1 | 84.5 | 84.5 | 0 | 4 | ")  # 1 - 0.017 / 0.11
+    rows = {row[1]: row[2:7] for line in text.splitlines() if len(row := [x.strip() for x in line.split("|")]) == 8}
+    assert rows["teacher"] == ["4", "2", "0", "2.0", "2.0"]  # of each seed one, for two jobs
+    assert rows["student"] == ["4", "4", "0", "4.0", "0.0"]
+    assert "14.0 minutes of training and measuring, one stage after the other; 6.0 more were saved." in text
+    for path in tmp_path.glob("artifacts/baseline/*/manifest.json"):
+        os.utime(path, (0.0, 0.0))  # older than the sweep
+    text = (write_joint(sweep, tmp_path) / "table.md").read_text()
+    assert "12.0 minutes of training and measuring, one stage after the other; 8.0 more were saved." in text
