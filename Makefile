@@ -15,7 +15,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_CONSTRAINT := $(CURDIR)/constraints.txt
 
 .DEFAULT_GOAL := help
-.PHONY: help install run test test-slow test-faults test-sanitizers bench peers lint format types docs pretrained clean
+.PHONY: help install run test test-slow test-faults test-sanitizers test-browser bench peers lint format types docs pretrained clean
 
 help: ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -33,6 +33,10 @@ test-slow: $(PACKAGE) ## run the tests that train for minutes
 
 test-faults: $(PACKAGE) ## break it: kills, full disks, damaged files, lost servers, bad input (under 20 minutes)
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -m "slow or not slow" -n auto -rP --timeout 1200 tests/faults $(ARGS)
+
+test-browser: $(PACKAGE) ## open reports in headless Chromium; pictures of them in outputs/screenshots
+	@PYTHON=$(PYTHON) .ci/system-packages chromium
+	$(BIN)/python -m pytest -m browser -n 0 -rP --timeout 600 tests/browser $(ARGS)
 
 test-sanitizers: $(SANITIZED)/.built ## run the tests that use the C++ core with AddressSanitizer and UBSan
 	ROMGRL_SANITIZED=$(SANITIZED) PYTHONPATH=tests/sanitized OMP_NUM_THREADS=1 \

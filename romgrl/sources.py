@@ -10,6 +10,7 @@ from pathlib import Path
 
 PACKAGE = Path(__file__).resolve().parent
 CORE = PACKAGE.parent / "cpp"  # in a checkout
+PAGE = (".css", ".html", ".js")
 
 
 @cache
@@ -27,8 +28,9 @@ def digest(files: dict[str, Path]) -> str:
 def source_files(module: str, package: Path = PACKAGE, core: Path = CORE) -> dict[str, Path]:
     """The file of a module, of all modules of the package that it imports, and of theirs, by name.
 
-    With a module comes the table of its name (`human.csv` beside `human.py`), with an extension its own sources where
-    there are any, so that a changed line of C++ counts before it is built.
+    With a module comes the table of its name (`human.csv` beside `human.py`), with a package the parts of web pages in
+    its folder, with an extension its own sources where there are any, so that a changed line of C++ counts before it is
+    built.
     """
     root = package.parent
     files: dict[str, Path] = {}
@@ -42,6 +44,8 @@ def source_files(module: str, package: Path = PACKAGE, core: Path = CORE) -> dic
         if path.suffix == ".py":
             if path.with_suffix(".csv").is_file():
                 files[f"{name}.csv"] = path.with_suffix(".csv")
+            if path.name == "__init__.py":
+                files |= {f"{name}.{part.name}": part for part in path.parent.iterdir() if part.suffix in PAGE}
             waiting += imported(path)
             waiting += [parent for parent in parents(name) if parent not in files]
         elif core.is_dir():

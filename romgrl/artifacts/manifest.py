@@ -18,7 +18,18 @@ MANIFEST = "manifest.json"
 FORMAT = 2
 LARGEST_MANIFEST = 2**20  # bytes; ours have some thousand
 PLAIN_PART = re.compile(r"[A-Za-z0-9_-]([A-Za-z0-9_.-]{0,253}[A-Za-z0-9_-])?")
-SUFFIXES = ("csv", "json", "md", "mp4", "npz", "pdf", "png", "safetensors", "txt")  # data that no reader executes
+SUFFIXES = (
+    "csv",
+    "html",
+    "json",
+    "md",
+    "mp4",
+    "npz",
+    "pdf",
+    "png",
+    "safetensors",
+    "txt",
+)  # data that no stage executes
 SHA256 = re.compile(r"[0-9a-f]{64}")
 
 

@@ -64,13 +64,9 @@ def write(
     films: Sequence[str],
 ) -> str:
     """The whole document; pictures and films are names of files beside it."""
-    values = {"window": facts.window, "steps": facts.steps}
-    numbers = {name: text.format(**values) for name, text in NUMBERS.items()}
     parts = [
         f"# Gait at {facts.speed:g} m/s\n\n{headline(errors, gaits)}\n",
-        f"Student: eta = {facts.eta:g}, noise = {facts.noise:g}; teacher trained for {facts.teacher_speed:g} m/s; "
-        f"{facts.episodes} episodes of {facts.steps} steps per walker, both from the same resets; seed {facts.seed}, "
-        "one training each: another seed gives other numbers.\n",
+        setting(facts) + "\n",
         f"## Error against the teacher\n\n{markdown(error_table(errors))}\n{remarks(errors)}",
         "## Distance from the teacher\n\nBy measures that no training has seen.\n\n"
         + markdown(distance_table(distances)),
@@ -80,11 +76,26 @@ def write(
     ]
     if films:
         parts.append("## Films\n\n" + "\n".join(f"- [{name}]({name})" for name in films) + "\n")
-    parts.append(f"## How the numbers were obtained\n\n{definitions(numbers)}")
+    parts.append(f"## How the numbers were obtained\n\n{definitions(meanings(facts))}")
     if facts.wall_times:
         times = pd.DataFrame({"stage": list(facts.wall_times), "wall time [s]": list(facts.wall_times.values())})
         parts.append(f"## Time\n\n{markdown(times)}")
     return "\n".join(parts)
+
+
+def setting(facts: Facts) -> str:
+    """What was trained and how it was measured."""
+    return (
+        f"Student: eta = {facts.eta:g}, noise = {facts.noise:g}; teacher trained for {facts.teacher_speed:g} m/s; "
+        f"{facts.episodes} episodes of {facts.steps} steps per walker, both from the same resets; seed {facts.seed}, "
+        "one training each: another seed gives other numbers."
+    )
+
+
+def meanings(facts: Facts) -> dict[str, str]:
+    """How each number was obtained."""
+    values = {"window": facts.window, "steps": facts.steps}
+    return {name: text.format(**values) for name, text in NUMBERS.items()}
 
 
 def humans(speed: float) -> str:

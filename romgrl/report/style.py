@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-TEACHER, STUDENT, BASELINE = "tab:green", "tab:blue", "tab:orange"
+TEACHER, STUDENT, BASELINE = "#009e73", "#0072b2", "#d55e00"  # Okabe and Ito 2008: told apart by colour-blind eyes
 COLORS = {"teacher": TEACHER, "student": STUDENT, "baseline": BASELINE}
 LABELS = {
     "teacher": "teacher (reduced-order model)",

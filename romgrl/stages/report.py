@@ -19,6 +19,7 @@ from romgrl.humanoid.rendering import RenderingError, SideCamera
 from romgrl.progress import StageLog
 from romgrl.report import bands, document, figures, film, tables
 from romgrl.report.style import save
+from romgrl.stages import report_page
 from romgrl.stages.inputs import (
     DISTANCE_COLUMNS,
     ERROR_COLUMNS,
@@ -35,7 +36,7 @@ FILM_TIME = 6.0  # s at the end of the recorded episode
 
 
 def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog) -> None:
-    """Write the figures (PNG and PDF), mse.md, distances.md, gait.md, student.mp4, baseline.mp4 and report.md."""
+    """Write the figures (PNG and PDF), mse.md, distances.md, gait.md, two films, report.md and report.html."""
     model = humanoid_model(config)
     rollouts = read_rollouts(inputs["evaluation"], config, model.nq + model.nv)
     errors = read_table(inputs["evaluation"] / "mse.csv", ERROR_COLUMNS)
@@ -62,6 +63,9 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
     (output / "gait.md").write_text(tables.markdown(tables.gait_table(gaits)))
     facts = collect_facts(config, inputs)
     (output / "report.md").write_text(document.write(errors, distances, gaits, facts, list(pictures), films))
+    report_page.write_page(
+        config, inputs, output, model=model, rollouts=rollouts, errors=errors, gaits=gaits, facts=facts
+    )
     log.message(document.headline(errors, gaits))
 
 

@@ -24,7 +24,7 @@ from romgrl.report import document, figures, film, style, tables
 from romgrl.stages import report
 from tests.gait.synthetic import DT, run
 
-BLUE, ORANGE, GREEN = "tab:blue", "tab:orange", "tab:green"
+BLUE, ORANGE, GREEN = "#0072b2", "#d55e00", "#009e73"
 
 
 def walker(features: Floats, fallen: int = 0) -> Gait:
@@ -133,7 +133,7 @@ def test_a_saved_figure_is_not_blank_and_the_same_twice(errors: pd.DataFrame, tm
         contents.append((png.read_bytes(), pdf.read_bytes()))
     assert contents[0] == contents[1]
     picture = np.asarray(imageio.imread(png))[..., :3].reshape(-1, 3).astype(int)
-    for red, green, blue in ((31, 119, 180), (255, 127, 14)):  # tab:blue and tab:orange
+    for red, green, blue in ((0, 114, 178), (213, 94, 0)):  # blue and orange
         assert (np.abs(picture - [red, green, blue]).max(axis=1) < 8).mean() > 0.004
 
 
@@ -226,6 +226,7 @@ def test_stage_without_opengl(
     names = {"paths", "time_series", "mse", "learning_curves", "filmstrip", "gait"}
     assert {path.stem for path in output.glob("*.png")} == names == {path.stem for path in output.glob("*.pdf")}
     assert not list(output.glob("*.mp4"))
+    assert (output / "report.html").stat().st_size < 8e6
     assert log.messages[0] == "no films, and stick figures for poses: no OpenGL here"
     text = (output / "report.md").read_text()
     average = errors[(errors.channel == "average") & (errors.alignment == "aligned")].iloc[0]

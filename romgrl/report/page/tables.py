@@ -1,0 +1,117 @@
+"""The tables of the page as rows of text, for its template."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import pandas as pd
+
+from romgrl.artifacts import Manifest
+from romgrl.gait import human
+from romgrl.report.style import CHANNEL_LABELS
+from romgrl.report.tables import cell, with_unit
+
+
+@dataclass(frozen=True)
+class Value:
+    """A number as text, and whether it lies in the human band; None where there is no band for it."""
+
+    text: str
+    human: bool | None
+
+
+@dataclass(frozen=True)
+class GaitRow:
+    """One number of the gait: a value per walker, the human band and who measured it."""
+
+    label: str
+    values: list[Value]
+    band: str
+    source: str
+
+
+def gait_rows(gaits: pd.DataFrame, speed: float) -> list[GaitRow]:
+    """gait.csv with the human bands at `speed` m/s beside it."""
+    bands = human.bands(speed)
+    rows = [{str(key): value for key, value in row.items()} for row in gaits.to_dict("records")]
+    columns = [str(name) for name in gaits.columns if name != "walker"]
+    columns.insert(columns.index("stride_frequency_hz") + 1, "stride_length_m")
+    numbers = [{**row, "stride_length_m": human.stride_length(row)} for row in rows]
+    found = []
+    for name in columns:
+        band = bands.get(name)
+        values = [float(row[name]) for row in numbers]
+        said = [
+            Value(number(value), None if band is None or math.isnan(value) else band.holds(value)) for value in values
+        ]
+        text = f"{number(band.low)} to {number(band.high)}" if band else ""
+        found.append(GaitRow(with_unit(name), said, text, band.source if band else ""))
+    return found
+
+
+def error_rows(table: pd.DataFrame) -> list[list[str]]:
+    """Channel, baseline, student, reduction, teacher's floor; numbers with their intervals."""
+    return [
+        [
+            CHANNEL_LABELS.get(row["channel"], row["channel"]),
+            _with_interval(row, "baseline", "{:.5f}"),
+            _with_interval(row, "student", "{:.5f}"),
+            _with_interval(row, "reduction_percent", "{:.1f}"),
+            number(float(row["teacher_floor"])),
+        ]
+        for row in table.to_dict("records")
+    ]
+
+
+def origin_rows(manifests: Mapping[str, Manifest]) -> list[dict[str, str]]:
+    """One row per artifact that the page was made from."""
+    return [
+        {
+            "stage": stage,
+            "key": made.key,
+            "digest": made.digest,
+            "seed": str(made.seed),
+            "revision": (made.revision or "unknown") + (" with changes" if made.dirty else ""),
+            "time": duration(made.wall_time),
+        }
+        for stage, made in manifests.items()
+    ]
+
+
+def settings(manifests: Mapping[str, Manifest]) -> list[tuple[str, str, str]]:
+    """Every key that decided something, its value, and the stages that it decided."""
+    found: dict[tuple[str, str], list[str]] = {}
+    for stage, made in manifests.items():
+        for key, value in made.config.items():
+            found.setdefault((key, "null" if value is None else str(value)), []).append(stage)
+    return [(key, value, ", ".join(stages)) for (key, value), stages in sorted(found.items())]
+
+
+def versions(manifests: Mapping[str, Manifest]) -> dict[str, str]:
+    """Versions by library; all of them where stages were made with different ones."""
+    found: dict[str, set[str]] = {}
+    for made in manifests.values():
+        for library, version in made.versions.items():
+            found.setdefault(library, set()).add(version)
+    return {library: ", ".join(sorted(several)) for library, several in sorted(found.items())}
+
+
+def duration(seconds: float) -> str:
+    """Seconds below two minutes, else minutes."""
+    return f"{seconds:.1f} s" if seconds < 120 else f"{seconds / 60:.0f} min"
+
+
+def number(value: float) -> str:
+    """Three or four digits that matter; a dash for what is not known."""
+    return f"{value:,.0f}" if value.is_integer() and abs(value) >= 10 else cell(value)
+
+
+def _with_interval(row: Mapping[Any, Any], name: str, form: str) -> str:
+    value, low, high = (float(row[key]) for key in (name, f"{name}_low", f"{name}_high"))
+    if not math.isfinite(value):
+        return "-"
+    interval = f" ({form.format(low)} to {form.format(high)})" if math.isfinite(low) else ""
+    return form.format(value) + interval

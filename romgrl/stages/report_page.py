@@ -1,0 +1,122 @@
+"""report.html of the report stage: what the page shows, collected from the artifacts."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from romgrl.artifacts import MANIFEST, read_manifest
+from romgrl.config import Config
+from romgrl.errors import ArtifactError
+from romgrl.gait.features import Gait, gait_from_reference, gait_from_rollouts
+from romgrl.report import document
+from romgrl.report.page import charts, scene, tables, trainings, writing
+from romgrl.report.page.intervals import error_intervals
+from romgrl.report.page.strides import stride_average
+from romgrl.report.style import COLORS, LABELS
+from romgrl.stages.inputs import WALKERS, read_reference, read_table
+from romgrl.stages.walkers import rom_parameters
+
+PAGE = "report.html"
+STAGES = ("teacher", "reference", *WALKERS, "evaluation")
+Sections = dict[str, list[charts.Chart]]
+
+
+def write_page(
+    config: Config,
+    inputs: Mapping[str, Path],
+    output: Path,
+    *,
+    model: Any,
+    rollouts: Mapping[str, NDArray[Any]],
+    errors: pd.DataFrame,
+    gaits: pd.DataFrame,
+    facts: document.Facts,
+) -> None:
+    """Write report.html beside the other files of the report."""
+    teacher = gait_from_reference(read_reference(inputs["reference"], config))
+    walkers = {name: gait_from_rollouts(rollouts, name) for name in WALKERS}
+    tracks = {name: scene.humanoid_track(walkers[name], rollouts[f"{name}_states"], model) for name in WALKERS}
+    tracks |= {"teacher": scene.teacher_track(teacher, tracks["student"], config.evaluation.window)}
+    averages = {name: stride_average(gait) for name, gait in {"teacher": teacher, **walkers}.items()}
+    there = {name: average for name, average in averages.items() if average is not None}
+    intervals = error_intervals(teacher, walkers, config.evaluation.window)
+    aligned = errors[errors.alignment == "aligned"].merge(intervals, on="channel", sort=False)
+    health = read_health(inputs["student"] / "health.json")
+    sections = gait_charts(tracks, there, teacher.dt) | training_charts(config, inputs, health)
+    sections["errors"] = [charts.error_chart(aligned)]
+    manifests = {name: read_manifest(inputs[name]) for name in STAGES if (inputs[name] / MANIFEST).is_file()}
+    writing.write(
+        output / PAGE,
+        scene=scene.scene(tracks, scene.segments(model), rom_parameters(config).foot_radius, teacher.dt),
+        sections=sections,
+        title=f"Gait at {config.speed:g} m/s",
+        headline=document.headline(errors, gaits),
+        setting=document.setting(facts),
+        played=played(tracks, walkers, teacher.dt, config.evaluation.window),
+        counted=", ".join(f"{average.strides:,} strides of the {name}" for name, average in there.items()),
+        colors=COLORS,
+        labels=LABELS,
+        walkers=[name for name in ("student", "baseline", "teacher") if name in tracks],
+        gait_walkers=[str(name) for name in gaits.walker],
+        gait_rows=tables.gait_rows(gaits, config.speed),
+        error_rows=tables.error_rows(aligned),
+        remarks=document.remarks(errors),
+        speed=f"{config.speed:g}",
+        health=health,
+        origin_rows=tables.origin_rows(manifests),
+        versions=tables.versions(manifests),
+        settings=tables.settings(manifests),
+        definitions=document.meanings(facts),
+    )
+
+
+def gait_charts(tracks: Mapping[str, scene.Track], averages: Mapping[str, Any], dt: float) -> Sections:
+    """Everything that the player's cursor moves over."""
+    return {
+        "channels": charts.channels(tracks, dt),
+        "footfall": [charts.footfall(tracks, dt)],
+        "portraits": charts.portraits(tracks, dt),
+        "strides": charts.stride_averages(averages, tracks),
+    }
+
+
+def training_charts(config: Config, inputs: Mapping[str, Path], health: dict[str, Any] | None) -> Sections:
+    """The learning curves that are there, and those of the discriminator where there was one."""
+    paths = {name: inputs[name] / "curve.csv" for name in ("teacher", *WALKERS) if name in inputs}
+    curves = {name: read_table(path, ("step",)) for name, path in paths.items() if path.is_file()}
+    targets = {"teacher": config.teacher.speed, **dict.fromkeys(WALKERS, config.speed)}
+    spells = [] if health is None else health["history"]
+    return {
+        "training": trainings.learning_curves(curves, targets),
+        "discriminator": trainings.discriminator(curves["student"], spells) if "student" in curves else [],
+    }
+
+
+def read_health(path: Path) -> dict[str, Any] | None:
+    """health.json of the student; None where it had no discriminator."""
+    if not path.is_file():
+        return None
+    try:
+        health: dict[str, Any] = json.loads(path.read_text("utf-8"))
+        return {name: health[name] for name in ("verdict", "now", "history")}
+    except (ValueError, KeyError, TypeError) as error:
+        raise ArtifactError(f"{path}: cannot be read: {type(error).__name__}: {error}") from error
+
+
+def played(tracks: Mapping[str, scene.Track], walkers: Mapping[str, Gait], dt: float, window: int) -> str:
+    """Which part of what the player shows."""
+    seconds = {name: dt * len(track.x) for name, track in tracks.items()}
+    fallen = [name for name, gait in walkers.items() if bool(np.all(gait.fallen))]
+    falls = f" The {' and the '.join(fallen)} fell in every episode; shown until then." if fallen else ""
+    return (
+        f"The last {seconds['student']:.1f} s of a recorded episode of the student and {seconds['baseline']:.1f} s of "
+        f"the baseline; {seconds['teacher']:.1f} s of the teacher, in time with the student over its last {window} "
+        f"steps.{falls}"
+    )
