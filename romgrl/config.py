@@ -251,6 +251,14 @@ class Robustness:
 
 
 @dataclass
+class Watch:
+    """What `stage=watch` shows: in MuJoCo's viewer, or as a film where there is no display."""
+
+    walker: str = key("whose policy", choices=("student", "baseline"))
+    seconds: float = key("length of the film", unit="s", low=0.1, high=600)
+
+
+@dataclass
 class Tracking:
     """MLflow."""
 
@@ -272,9 +280,10 @@ class Config:
     """Everything a run needs."""
 
     stage: str = key(
-        "last stage to run, with what it needs; sync: bring to MLflow what earlier jobs could not; verify: compare "
+        "last stage to run, with what it needs; watch: see a trained or training walker; sync: bring to "
+        "MLflow what earlier jobs could not; verify: compare "
         "what is finished with the paper",
-        choices=("all", *STAGES, *OPTIONAL_STAGES, "sync", "verify"),
+        choices=("all", *STAGES, *OPTIONAL_STAGES, "watch", "sync", "verify"),
     )
     speed: float = key("target speed of student and baseline", unit="m/s", low=0, high=10)
     eta: float = key("weight of the task reward; 1 - eta weighs imitation", low=0, high=1)
@@ -295,5 +304,6 @@ class Config:
     discriminator: Discriminator = field(default_factory=Discriminator)
     evaluation: Evaluation = field(default_factory=Evaluation)
     robustness: Robustness = field(default_factory=Robustness)
+    watch: Watch = field(default_factory=Watch)
     tracking: Tracking = field(default_factory=Tracking)
     paths: Paths = field(default_factory=Paths)

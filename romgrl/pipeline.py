@@ -23,6 +23,7 @@ from romgrl.progress import make_bars
 from romgrl.recorder import SYSTEM_METRICS, open_recorder, sync, ui_command
 from romgrl.summary import TRAINING_MINUTES, headline, result_metrics, result_tables, robustness_metrics
 from romgrl.titles import job_note, job_title
+from romgrl.watching import watch
 from romgrl.worker import Worker, execute
 
 WIDEST_TABLE = 150  # columns; wider than many terminals, so that no verdict is cut off
@@ -44,6 +45,8 @@ def run(
         return bring_the_rest(config, console or Console())
     if config.stage == "verify":
         return show_verdicts(config, name, console or Console())
+    if config.stage == "watch":
+        return watch(config, console or Console())
     interruption.listen()
     outputs = Path(config.paths.outputs)
     tracking = config.tracking

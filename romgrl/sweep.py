@@ -33,7 +33,7 @@ from romgrl.recorder import open_recorder
 from romgrl.results.sweeps import SWEEP_VARIABLE, read_sweep, write_sweep
 
 BUDGETS = ("teacher.total_steps", "student.total_steps")
-NO_RESULTS = ("sync", "verify")
+NO_RESULTS = ("sync", "verify", "watch")
 
 
 def check_launcher(config: DictConfig) -> None:

@@ -78,8 +78,10 @@ ALLOWED = {
         "results",
         "summary",
         "titles",
+        "watching",
         "worker",
     },
+    "watching": {"artifacts", "config", "errors", "interruption", "job", "progress", "recorder", "worker", "workspace"},
     "job": {
         "artifacts",
         "config",

@@ -1,0 +1,98 @@
+"""Watch a walker: in MuJoCo's viewer where there is a display, as a film where there is none."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import closing
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from romgrl import interruption
+from romgrl.config import Config
+from romgrl.humanoid.rendering import RenderingError, SideCamera
+from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
+from romgrl.progress import StageLog
+from romgrl.report.film import write_film
+from romgrl.stages.inputs import read_walker
+from romgrl.stages.walkers import humanoid_env
+
+SEED_OFFSET = 40_000  # resets that neither a training nor an evaluation has drawn
+NO_DISPLAY = "no display"
+
+
+def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog) -> None:
+    """Play the policy in the directory of the one walker in `inputs`, or write `output`/<walker>.mp4."""
+    ((walker, directory),) = inputs.items()
+    with closing(humanoid_env(config, num_envs=1)) as env:
+        reason = no_viewer()
+        if reason is None:
+            log.message("playing in MuJoCo's viewer; its window ends it")
+            play(env, directory, config.seed)
+        else:
+            film(env, directory, output / f"{walker}.mp4", config, log, reason)
+
+
+def no_viewer() -> str | None:
+    """Why no window can be opened here; None where one can."""
+    if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        return NO_DISPLAY
+    import glfw
+
+    return None if glfw.init() else f"{NO_DISPLAY} that opens"
+
+
+def walk(env: PlanarHumanoidVectorEnv, directory: Path, seed: int) -> Iterator[tuple[NDArray[np.float64], bool]]:
+    """Yield the state before each step, and whether the walker fell in the last; a newer policy takes over at once."""
+    path = directory / "policy.safetensors"
+    written, policy = path.stat().st_mtime, read_walker(directory, env)
+    observation, _ = env.reset(seed=seed + SEED_OFFSET)
+    fell = False
+    while True:
+        yield env.states()[0].astype(np.float64), fell
+        if path.exists() and path.stat().st_mtime > written:
+            written, policy = path.stat().st_mtime, read_walker(directory, env)
+        observation, _, terminated, _, _ = env.step(policy(observation).astype(np.float32))
+        fell = bool(terminated[0])
+
+
+def play(env: PlanarHumanoidVectorEnv, directory: Path, seed: int) -> None:
+    """Show a walk at its own pace until the window is closed."""
+    import mujoco
+    import mujoco.viewer
+
+    model = env.model
+    data = mujoco.MjData(model)
+    with mujoco.viewer.launch_passive(model, data, show_left_ui=False, show_right_ui=False) as window:
+        window.cam.type = mujoco.mjtCamera.mjCAMERA_TRACKING
+        window.cam.trackbodyid, window.cam.azimuth, window.cam.elevation, window.cam.distance = 1, 90.0, -10.0, 4.0
+        for state, _ in walk(env, directory, seed):
+            due = time.monotonic() + env.control_step
+            data.qpos[:] = state[: model.nq]
+            mujoco.mj_forward(model, data)
+            window.sync()
+            interruption.check()
+            if not window.is_running():
+                return
+            time.sleep(max(0.0, due - time.monotonic()))
+
+
+def film(env: PlanarHumanoidVectorEnv, directory: Path, path: Path, config: Config, log: StageLog, reason: str) -> None:
+    """Film a walk of `watch.seconds`, or up to its fall; one line where this machine cannot draw either."""
+    states: list[NDArray[np.float64]] = []
+    for state, fell in walk(env, directory, config.seed):
+        if fell or len(states) >= round(config.watch.seconds / env.control_step):
+            break
+        states.append(state)
+    ended = "" if len(states) * env.control_step >= config.watch.seconds - env.control_step else ", then it falls"
+    try:
+        with SideCamera(env.model) as camera:
+            write_film(path, map(camera.frame, states), env.control_step)
+    except RenderingError as error:
+        log.message(f"{reason}, and no film: {error}")
+        return
+    log.message(f"{reason}; {len(states) * env.control_step:.1f} s are filmed{ended}: {path}")
