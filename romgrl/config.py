@@ -48,12 +48,8 @@ class Rom:
     swing_damping: float = key("leg damping while unloaded", unit="N s/m", low=0, high=1e7)
     hip_torque: float = key("hip torque at action 1", unit="N m", above=0, high=1e5)
     torque_lag: float = key("time constant of the hip motors; 0: none", unit="s", low=0, high=100)
-    trunk_moment_limit: float | None = key(
-        "largest net hip moment the trunk takes; null: no limit", unit="N m", above=0
-    )
-    retraction: float = key(
-        "shortening of an unloaded leg in early swing, share of leg_length; 0: none", low=0, high=0.4
-    )
+    trunk_moment_limit: float | None = key("largest net hip moment of the trunk; null: no limit", unit="N m", above=0)
+    retraction: float = key("shortening of a leg in early swing, share of leg_length; 0: none", low=0, high=0.4)
     retraction_time: float = key("duration of retraction and extension", unit="s", low=1e-6, high=100)
     hip_angle_limit: float = key("hip stops at +- this angle", unit="rad", low=0.01, high=1.57)
     compression_limit: float = key("shortest leg, share of leg_length", low=0.05, high=1)
@@ -64,9 +60,7 @@ class Rom:
     trunk_pitch_limit: float = key("a free trunk falls beyond this pitch", unit="rad", low=0.01, high=10)
     fall_height: float = key("an episode ends below this body height, share of leg_length", above=0, high=1)
     substeps: int = key("physics steps per control step", low=1, high=10_000)
-    engine: str = key(
-        "box2d: the library; native: the same equations for many worlds at once", choices=("box2d", "native")
-    )
+    engine: str = key("box2d: the library; native: the same equations for many worlds", choices=("box2d", "native"))
     velocity_iterations: int = key("velocity iterations of the solver", low=1, high=1000)
     position_iterations: int = key("position iterations of the solver", low=1, high=1000)
     reset_hip_angle: list[float] = key("range of the anti-phase hip angle at reset", unit="rad", low=0, high=1.57)
@@ -129,14 +123,10 @@ class Humanoid:
     episode_steps: int = key("an episode is truncated after this many control steps", low=1, high=10**9)
     reset_speed: list[float] = key("range of the forward speed at reset, share of the target speed", low=0, high=10)
     fall_pelvis_height: float = key(
-        "an episode ends when the pelvis is below this share of its standing height", low=0, high=1
+        "it falls when the pelvis is below this share of its standing height", low=0, high=1
     )
-    fall_head_height: float = key(
-        "an episode ends when the head is below this share of its standing height", low=0, high=1
-    )
-    fall_trunk_lean: float = key(
-        "an episode ends beyond this lean of the pelvis-neck line", unit="rad", above=0, high=10
-    )
+    fall_head_height: float = key("it falls when the head is below this share of its standing height", low=0, high=1)
+    fall_trunk_lean: float = key("it falls beyond this lean of the pelvis-neck line", unit="rad", above=0, high=10)
 
 
 @dataclass
@@ -280,9 +270,8 @@ class Config:
     """Everything a run needs."""
 
     stage: str = key(
-        "last stage to run, with what it needs; watch: see a trained or training walker; sync: bring to "
-        "MLflow what earlier jobs could not; verify: compare "
-        "what is finished with the paper",
+        "last stage to run, with what it needs; watch: see a walker, trained or in training; sync: bring MLflow what "
+        "earlier jobs could not; verify: compare what is finished with the paper",
         choices=("all", *STAGES, *OPTIONAL_STAGES, "watch", "sync", "verify"),
     )
     speed: float = key("target speed of student and baseline", unit="m/s", low=0, high=10)
