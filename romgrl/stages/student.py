@@ -23,7 +23,7 @@ from romgrl.lanes import second_lane, start
 from romgrl.limits import check, check_physics
 from romgrl.progress import StageLog
 from romgrl.stages.health import HealthWatch
-from romgrl.stages.keeper import Keeper
+from romgrl.stages.keeper import Keeper, Stateful
 from romgrl.stages.learner import build_learner
 from romgrl.stages.selection import Candidates, choose
 from romgrl.stages.tally import EpisodeTally
@@ -104,17 +104,10 @@ def train(
     windows.restart(frame(info))
     loop = Loop(torch.from_numpy(observation).to(device))
     health = HealthWatch(config, output, log)
+    parts: dict[str, Stateful] = {"env": env, "windows": windows, "learner": learner, "candidates": candidates}
     keeper = Keeper(
         output,
-        {
-            "loop": loop,
-            "env": env,
-            "windows": windows,
-            "learner": learner,
-            "candidates": candidates,
-            "tally": tally,
-            "health": health,
-        },
+        parts | {"loop": loop, "tally": tally, "health": health},
         ring=learner.buffer,
         save_policy=save,
         seconds=config.checkpoint_seconds,
@@ -138,16 +131,9 @@ def train(
             check(observation=observation, reward=reward)
             following = torch.from_numpy(observation).to(device)
             frames = torch.from_numpy(windows.push(frame(info)))
-            learner.buffer.add(
-                loop.observation,
-                action,
-                following,
-                torch.from_numpy(reward),
-                torch.from_numpy(terminated),
-                torch.from_numpy(truncated),
-                frames,
-                learner.collected_reward(frames, judged),
-            )
+            earned, fell, cut = (torch.from_numpy(values) for values in (reward, terminated, truncated))
+            imitation = learner.collected_reward(frames, judged)
+            learner.buffer.add(loop.observation, action, following, earned, fell, cut, frames, imitation)
             learner.normalizer.update(following)
             finished = terminated | truncated
             windows.restart(frame(info, "reset_"), finished)

@@ -163,7 +163,12 @@ def test_a_line_when_it_begins_and_a_history(compose_config: Composer, tmp_path:
 
 
 FORCED = {
-    "saturated": ("discriminator.gradient_penalty=0", "discriminator.learning_rate=1e-2", "discriminator.dropout=0"),
+    "saturated": (
+        "discriminator.gradient_penalty=0",
+        "discriminator.learning_rate=1e-2",
+        "discriminator.dropout=0",
+        "discriminator.label_smoothing=0",
+    ),
     "collapsed": ("discriminator.learning_rate=1e-12",),
 }
 
