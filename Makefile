@@ -11,11 +11,12 @@ SANITIZED := build/sanitized
 # Python itself leaks at its end, so leaks are not looked for; torch and MuJoCo run beside the sanitized core as they are.
 CORE_TESTS := tests/rom tests/humanoid tests/teacher tests/student tests/gait tests/faults/test_core_calls.py
 ARGS ?=
+OUTPUTS ?= outputs
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_CONSTRAINT := $(CURDIR)/constraints.txt
 
 .DEFAULT_GOAL := help
-.PHONY: help install run test test-slow test-faults test-sanitizers test-browser bench peers lint format types docs pretrained clean
+.PHONY: help install run test test-slow test-faults test-sanitizers test-browser bench peers preview lint format types docs pretrained clean
 
 help: ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -62,6 +63,9 @@ $(PEERS)/%/.built: benchmarks/peers/%.txt
 	echo "import site; site.addsitedir('$(SITE)')" > $$($(@D)/bin/python -c "import site; print(site.getsitepackages()[0])")/_project.pth
 	PIP_CONSTRAINT= $(@D)/bin/python -m pip install --quiet --no-deps --ignore-requires-python --requirement $<
 	@touch $@
+
+preview: $(PACKAGE) ## make the looping picture of the README from the newest report (options: OUTPUTS=DIR)
+	$(BIN)/python -m romgrl.report.preview $(OUTPUTS) docs/images/preview.webp
 
 lint: $(PACKAGE) ## check style
 	$(BIN)/ruff check . && $(BIN)/ruff format --check .

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,7 @@ from romgrl.gait.alignment import align, last_windows
 from romgrl.gait.features import Gait, gait_from_reference, gait_from_rollouts
 from romgrl.humanoid.rendering import RenderingError, SideCamera
 from romgrl.progress import StageLog
-from romgrl.report import bands, document, figures, film, tables
+from romgrl.report import bands, document, figures, film, side_by_side, tables
 from romgrl.report.style import save
 from romgrl.stages import report_page
 from romgrl.stages.inputs import (
@@ -29,14 +29,14 @@ from romgrl.stages.inputs import (
     read_rollouts,
     read_table,
 )
-from romgrl.stages.walkers import humanoid_model
+from romgrl.stages.walkers import humanoid_model, rom_parameters
 
 POSES = 8
 FILM_TIME = 6.0  # s at the end of the recorded episode
 
 
 def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog) -> None:
-    """Write the figures (PNG and PDF), mse.md, distances.md, gait.md, two films, report.md and report.html."""
+    """Write the figures (PNG and PDF), mse.md, distances.md, gait.md, three films, report.md and report.html."""
     model = humanoid_model(config)
     rollouts = read_rollouts(inputs["evaluation"], config, model.nq + model.nv)
     errors = read_table(inputs["evaluation"] / "mse.csv", ERROR_COLUMNS)
@@ -52,7 +52,8 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
         pictures["filmstrip"] = filmstrip(model, camera, states, rates, dt)
         films = []
         if camera is not None and config.evaluation.video:
-            films = shoot(camera, states, dt, output, log)
+            teacher = side_by_side.Teacher(read_reference(inputs["reference"], config), rom_parameters(config))
+            films = shoot(camera, states, teacher, dt, output, log)
     finally:
         if camera is not None:
             camera.close()
@@ -135,16 +136,34 @@ def crop(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return frame[:, left : left + width]
 
 
-def shoot(camera: SideCamera, states: Mapping[str, NDArray[Any]], dt: float, output: Path, log: StageLog) -> list[str]:
-    """One film per walker, the last FILM_TIME of the recorded episode."""
+def shoot(
+    camera: SideCamera,
+    states: Mapping[str, NDArray[Any]],
+    teacher: side_by_side.Teacher,
+    dt: float,
+    output: Path,
+    log: StageLog,
+) -> list[str]:
+    """One film per walker, the last FILM_TIME of the recorded episode, and one of all with the teacher beside them."""
     filmed = {name: values[-round(FILM_TIME / dt) :] for name, values in states.items()}
-    total, done, films = sum(len(values) for values in filmed.values()), 0, []
+    total, done = sum(len(values) for values in filmed.values()), 0
+    columns: dict[str, list[NDArray[np.uint8]]] = {"teacher": []}
     for name, values in filmed.items():
-        film.write_film(output / f"{name}.mp4", map(camera.frame, values), dt)
+        columns[name] = []
+        film.write_film(output / f"{name}.mp4", keeping(map(camera.frame, values), columns[name]), dt)
         done += len(values)
         log.progress(done, total)
-        films.append(f"{name}.mp4")
-    return films
+    height, width, _ = columns["student"][0].shape
+    columns["teacher"] = teacher.frames((height, width), round(FILM_TIME / dt))
+    film.write_film(output / side_by_side.FILM, side_by_side.together(columns), dt)
+    return [*(f"{name}.mp4" for name in filmed), side_by_side.FILM]
+
+
+def keeping(frames: Iterator[NDArray[np.uint8]], middles: list[NDArray[np.uint8]]) -> Iterator[NDArray[np.uint8]]:
+    """Pass pictures on and keep the middle of each."""
+    for frame in frames:
+        middles.append(crop(frame).copy())
+        yield frame
 
 
 def collect_facts(config: Config, inputs: Mapping[str, Path]) -> document.Facts:
