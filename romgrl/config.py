@@ -160,6 +160,7 @@ class Student:
     mirror: bool = key("true: half of each batch is left-right mirrored")
     normalize_observation: bool = key("true: observations are standardised by their running mean and deviation")
     candidates: int = key("policies of the second half, the best of which is kept; 0: the last", low=0, high=1000)
+    reference_resets: float = key("share of a student's episodes that start in a pose of the reference", low=0, high=1)
     policy_average: float = key("policies are running averages with this decay; 0: as they are", low=0, high=0.99999)
     pretrained: bool = key("true: nothing is trained; student and baseline that ship with the package are taken")
 

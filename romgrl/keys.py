@@ -86,7 +86,8 @@ def stage_config(stage: str, config: Config) -> Config:
     """The configuration that a stage sees: without imitation for the baseline and for discriminator=none."""
     if stage == "baseline" or config.discriminator.name == "none":
         silent = replace(config.discriminator, name="none", features="paper", window=1, stride=1, reward="recomputed")
-        return replace(config, eta=1.0, noise=0.0, discriminator=silent)
+        student = replace(config.student, reference_resets=0.0)
+        return replace(config, eta=1.0, noise=0.0, discriminator=silent, student=student)
     return config
 
 

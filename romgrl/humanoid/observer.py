@@ -11,6 +11,7 @@ from romgrl.humanoid.model import body_ids
 from romgrl.humanoid.observation import OBSERVATION_SIZE
 
 GAIT_FEATURES = slice(0, 5)
+LEFT_ANKLE, RIGHT_ANKLE = slice(1, 3), slice(3, 5)
 PELVIS_HEIGHT, TRUNK_LEAN, HEAD_HEIGHT, FASTEST = 0, 5, 6, 7
 """Columns of a posture."""
 

@@ -32,6 +32,15 @@ class ResetBank:
         rows = generator.integers(len(self.qpos), size=count)
         return self.qpos[rows], self.qvel[rows]
 
+    def mixed(self, other: ResetBank, share: float) -> ResetBank:
+        """As many entries as this one has, `share` of them from `other`, evenly spaced."""
+        taken = round(share * len(self.qpos))
+        theirs = np.linspace(0, len(other.qpos), taken, endpoint=False).astype(np.int64)
+        own = np.linspace(0, len(self.qpos), len(self.qpos) - taken, endpoint=False).astype(np.int64)
+        return ResetBank(
+            np.concatenate([self.qpos[own], other.qpos[theirs]]), np.concatenate([self.qvel[own], other.qvel[theirs]])
+        )
+
 
 def build_bank(model: mujoco.MjModel, size: int = BANK_SIZE) -> ResetBank:
     """The same poses every time: within the joint ranges, each touching the ground, and their mirror images."""

@@ -17,7 +17,7 @@ from romgrl.humanoid.model import CONTROL_FREQUENCY, build, dimensions, set_up_m
 from romgrl.humanoid.observation import varying_columns
 from romgrl.humanoid.observer import GAIT_FEATURES, TRUNK_LEAN, PlanarObserver
 from romgrl.humanoid.rendering import SideCamera
-from romgrl.humanoid.reset import build_bank
+from romgrl.humanoid.reset import ResetBank, build_bank
 from romgrl.humanoid.skeleton import HINGES, mirror_action, mirror_observation
 
 Float32 = NDArray[np.float32]
@@ -139,6 +139,10 @@ class PlanarHumanoidVectorEnv(VectorEnv[Float32, Float32, Any]):
         self._qpos[rows], self._qvel[rows] = qpos, qvel
         self._warnings[rows] = 0
         self._elapsed[rows] = 0
+
+    def start_from(self, bank: ResetBank, share: float) -> None:
+        """From now on, this share of the episodes starts in a state of `bank`, the others as before."""
+        self._bank = self._bank.mixed(bank, share)
 
     def push(self, force: NDArray[np.float64]) -> None:
         """From now on, forward forces (N,), in newtons, act on the chest's centre of mass; a restarted row has none."""

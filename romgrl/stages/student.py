@@ -15,14 +15,17 @@ from romgrl.algorithms.sac import Metrics, save_policy
 from romgrl.checkpoint import State
 from romgrl.config import Config
 from romgrl.gait.windows import FrameWindows, WindowLayout
+from romgrl.humanoid.imitation import reference_bank
 from romgrl.humanoid.model import fingerprint
 from romgrl.humanoid.observation import OBSERVATION_SIZE
+from romgrl.humanoid.reset import BANK_SIZE
 from romgrl.humanoid.skeleton import HINGES
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 from romgrl.lanes import second_lane, start
 from romgrl.limits import check, check_physics
 from romgrl.progress import StageLog
 from romgrl.stages.health import HealthWatch
+from romgrl.stages.inputs import read_reference
 from romgrl.stages.keeper import Keeper, Stateful
 from romgrl.stages.learner import build_learner
 from romgrl.stages.selection import Candidates, choose
@@ -67,6 +70,8 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
     columns = torch.from_numpy(env.compact_columns if compact else np.arange(OBSERVATION_SIZE))
     windows = FrameWindows(num_envs=env.num_envs, layout=window_layout(config))
     humanoid = fingerprint(env.model)
+    if "reference" in inputs and config.student.reference_resets > 0:
+        start_from_reference(config, env, inputs["reference"])
     with second_lane(beside) as lane:
         learner = build_learner(config, env, columns, windows.layout, inputs.get("reference"), lane)
 
@@ -78,6 +83,15 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
 
         train(config, env, windows, learner, candidates, log, output, save)
         save(choose(config, learner, candidates, columns, windows.layout, output, log))
+
+
+def start_from_reference(config: Config, env: PlanarHumanoidVectorEnv, reference: Path) -> None:
+    """Let a share of the episodes begin in poses of the reference."""
+    arrays, share = read_reference(reference, config, steps=3), config.student.reference_resets
+    bank = reference_bank(
+        env.model, arrays["features"], arrays["episode"], dt=env.control_step, size=BANK_SIZE, seed=config.seed
+    )
+    env.start_from(bank, share)
 
 
 def window_layout(config: Config) -> WindowLayout:

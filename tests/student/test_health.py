@@ -179,7 +179,13 @@ def test_a_training_is_forced_into_it(
 ) -> None:
     monkeypatch.setattr(student, "LOG_INTERVAL", 160)
     log = SilentLog()
-    often = ("student.total_steps=1600", "discriminator.update_interval=1", "noise=0", *FORCED[name])
+    often = (
+        "student.total_steps=1600",
+        "discriminator.update_interval=1",
+        "noise=0",
+        "student.reference_resets=0",
+        *FORCED[name],
+    )
     config = compose_config(*STUDENT, *often)
     student.run(config, {"reference": write_reference(tmp_path / "reference")}, tmp_path, log)
     assert len([message for message in log.messages if message.startswith(f"discriminator: {name} at step")]) == 1

@@ -1,0 +1,96 @@
+"""Poses of the humanoid that follow a reference."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from romgrl.humanoid.imitation import ANGLE, FASTEST, follow, reference_bank
+from romgrl.humanoid.model import build, lowest_point
+from romgrl.humanoid.observer import GAIT_FEATURES, PlanarObserver
+from romgrl.humanoid.skeleton import mirror_joints
+from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
+
+DT = 1 / 30
+TIMES = np.arange(300) * DT
+EPISODE = np.repeat([0, 1], 150).astype(np.int32)
+
+
+@pytest.fixture(scope="module")
+def model():
+    return build()
+
+
+@pytest.fixture(scope="module")
+def features():
+    """A run at 1.5 strides/s, in reach of the legs: an ellipse for each ankle, half a stride apart."""
+    phase = 2 * np.pi * 1.5 * TIMES
+    feet = [
+        column
+        for shift in (0, np.pi)
+        for column in (-0.05 + 0.3 * np.cos(phase + shift), -0.7 + 0.06 * np.sin(phase + shift))
+    ]
+    return np.stack([0.9 + 0.03 * np.cos(2 * phase), *feet], axis=1).astype(np.float32)
+
+
+def seen(model, qpos):
+    return PlanarObserver(model)(qpos, np.zeros_like(qpos))[1][:, GAIT_FEATURES]
+
+
+def test_pelvis_and_ankles_lie_where_the_reference_has_them(model, features):
+    assert np.abs(seen(model, follow(model, features.astype(float))) - features).max() < 1e-6
+
+
+def test_the_angles_of_a_pose_come_back_from_its_own_features(model):
+    generator, legs = np.random.default_rng(0), [f"{side}_{joint}" for side in "LR" for joint in ("Hip", "Knee")]
+    columns, qpos = [ANGLE[name] for name in legs], np.zeros((50, model.nq))
+    qpos[:, columns] = generator.uniform([-0.8, 0.25, -0.8, 0.25], [0.4, 1.8, 0.4, 1.8], (50, 4))
+    assert np.allclose(follow(model, seen(model, qpos))[:, columns], qpos[:, columns], atol=1e-9)
+
+
+def test_a_foot_out_of_reach_leaves_the_leg_nearly_straight_and_pointing_at_it(model):
+    far = np.array([[0.9, 1.0, -1.0, -1.0, -1.0]])
+    left, right = seen(model, follow(model, far))[0, 1:].reshape(2, 2)
+    assert left[0] > 0.4
+    assert right[0] < -0.3
+    assert follow(model, far)[0, ANGLE["L_Knee"]] < 0.25
+
+
+def test_joint_speeds_move_the_feet_as_the_reference_does(model, features):
+    bank = reference_bank(model, features, EPISODE, dt=DT, size=64, seed=0)
+    slow = np.flatnonzero(np.abs(bank.qvel[:32, 3:]).max(1) < FASTEST)
+    moved = (seen(model, bank.qpos + 1e-4 * bank.qvel) - seen(model, bank.qpos))[slow] / 1e-4
+    velocities = np.gradient(features, DT, axis=0)
+    shape = seen(model, bank.qpos)[slow, 1:]
+    nearest = np.abs(shape[:, None] - features[None, 1:-1, 1:]).max(-1).argmin(1) + 1
+    assert len(slow) > 20
+    assert np.abs(moved[:, 1:] - velocities[nearest, 1:]).max() < 0.35  # feet move at up to 3 m/s; steps of 1/30 s
+
+
+def test_no_pose_is_below_the_floor_and_half_are_mirrored(model, features):
+    low = features.copy()
+    low[:, 0] -= 0.2
+    bank, data = reference_bank(model, low, EPISODE, dt=DT, size=32, seed=0), mujoco.MjData(model)
+    for row in bank.qpos:
+        data.qpos[:] = row
+        mujoco.mj_kinematics(model, data)
+        assert lowest_point(model, data) > -1e-9
+    assert np.array_equal(bank.qpos[16:], bank.qpos[:16, mirror_joints()])
+    assert np.array_equal(bank.qvel[16:], bank.qvel[:16, mirror_joints()])
+
+
+def test_episodes_shorter_than_three_steps_are_refused(model, features):
+    with pytest.raises(ValueError, match="holds three steps"):
+        reference_bank(model, features[:4], np.array([0, 0, 1, 1], np.int32), dt=DT, size=4, seed=0)
+
+
+@pytest.mark.parametrize("share", [0.25, 1.0])
+def test_a_share_of_the_episodes_starts_from_the_reference(model, features, share):
+    env = PlanarHumanoidVectorEnv(model=model, num_envs=400, speed=4.0)
+    bank = reference_bank(model, features, EPISODE, dt=DT, size=64, seed=0)
+    env.start_from(bank, share)
+    env.reset(seed=0)
+    qpos, qvel = np.split(env.states(), 2, axis=1)
+    known = {row.tobytes() for row in bank.qpos}
+    theirs = np.array([row.tobytes() in known for row in qpos])
+    assert abs(theirs.mean() - share) < 0.08
+    assert 0 <= qvel[:, 0].min() < qvel[:, 0].max() <= 4.0
