@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TextIO
 
@@ -19,7 +20,7 @@ from rich.console import Console
 from romgrl import interruption, pipeline
 from romgrl.config import Config
 from romgrl.errors import LaunchError, RomgrlError
-from romgrl.results.sweeps import JobEnd, note_end
+from romgrl.results.sweeps import JobEnd, note_end, position
 
 PARENT_VARIABLE = "ROMGRL_PARENT_RUN"
 LAUNCH_VARIABLE = "ROMGRL_LAUNCH"
@@ -110,17 +111,16 @@ def run_job(config: Config, overrides: Sequence[str]) -> None:
     """Run a job, named by its overrides. Raises RomgrlError; where a launcher put it, that is left with the sweep."""
     own = [text for text in overrides if not text.lstrip("+").startswith("hydra")]
     name = " ".join(own) or "job"
-    launch, parent = announced(), os.environ.get(PARENT_VARIABLE)
+    launch, parent, place = announced(), os.environ.get(PARENT_VARIABLE), position(own)
     if launch is None:
-        run_noted(own, lambda: pipeline.run(config, name=name, parent=parent))
+        run_noted(own, lambda: pipeline.run(config, name=name, parent=parent, place=place))
         return
     label = launch.label(name)
-    console = Console(file=Labelled(sys.stdout, label), width=160)
+    console = Console(file=Labelled(sys.stdout, label), width=160, force_terminal=False)
     shared = replace(config, threads=config.threads or max(1, pipeline.available_cores() // launch.at_once))
+    run = partial(pipeline.run, shared, name=name, parent=parent, place=place, console=console)
     try:
-        run_launched(
-            launch, lambda: run_noted(own, lambda: pipeline.run(shared, name=name, parent=parent, console=console))
-        )
+        run_launched(launch, lambda: run_noted(own, run))
     except RomgrlError as error:
         launch.leave(f"[{label}] {error}", error.exit_code)
     except interruption.Interrupted as error:

@@ -19,7 +19,7 @@ from romgrl.journal import redacted
 from romgrl.keys import STAGES, plan, share_threads
 from romgrl.misfits import validate
 from romgrl.pretrained import require_shipped
-from romgrl.progress import make_bars
+from romgrl.progress import make_bars, make_console
 from romgrl.recorder import SYSTEM_METRICS, open_recorder, sync, ui_command
 from romgrl.summary import TRAINING_MINUTES, headline, result_metrics, result_tables, robustness_metrics
 from romgrl.titles import job_note, job_title
@@ -31,22 +31,28 @@ WORKERS = 2  # the graph has no three stages that do not need each other
 
 
 def run(
-    config: Config, *, name: str = "job", parent: str | None = None, console: Console | None = None
+    config: Config,
+    *,
+    name: str = "job",
+    parent: str | None = None,
+    place: tuple[int, int] | None = None,
+    console: Console | None = None,
 ) -> dict[str, Path]:
     """Run `config.stage` and what it needs, print where everything is, and return the artifact of each stage used.
 
-    `parent` is the MLflow run of the sweep. Raises ConfigurationError, or ArtifactError for damaged
+    `parent` is the MLflow run of the sweep, `place` which of its jobs this is, and of how many.
+    Raises ConfigurationError, or ArtifactError for damaged
     files of the package, before anything is made.
     """
     validate(config)
     require_shipped(config)
     config = resolve(config)
     if config.stage == "sync":
-        return bring_the_rest(config, console or Console())
+        return bring_the_rest(config, console or make_console())
     if config.stage == "verify":
-        return show_verdicts(config, name, console or Console())
+        return show_verdicts(config, name, console or make_console())
     if config.stage == "watch":
-        return watch(config, console or Console())
+        return watch(config, console or make_console())
     interruption.listen()
     outputs = Path(config.paths.outputs)
     tracking = config.tracking
@@ -55,10 +61,12 @@ def run(
     title = redacted(job_title(name, config, overrides))
     tags = {"stage": "job"} | ({SYSTEM_METRICS: "true"} if tracking.system_metrics else {})
     tracked = recorder.start(title, parent=parent, tags=tags, params=asdict(config))
-    console = console or Console()
+    console = console or make_console()
     job = Job(config, recorder, tracked, make_bars(console), overrides)
-    if parent is not None:
-        job.say(f"job: {redacted(name)}")
+    if parent is not None or place is not None:
+        job.say(f"job{' {} of {}'.format(*place) if place else ''}: {redacted(name)}")
+    if place is not None:
+        job.bars.add_task("sweep", total=place[1], completed=place[0] - 1, speed="", numbers=f"job {place[0]}")
     status = "FAILED"
     try:
         with job.bars:

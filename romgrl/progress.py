@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import csv
 import math
+import os
+import sys
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
@@ -88,6 +90,12 @@ def write_rows(path: Path, rows: Iterable[Sequence[str]]) -> None:
     with temporary.open("w", newline="") as file:
         csv.writer(file).writerows(rows)
     temporary.replace(path)
+
+
+def make_console() -> Console:
+    """The console of a job. No bar, colour or other control character goes to a file or a pipe, whatever CI sets."""
+    interactive = sys.stdout.isatty() and os.environ.get("TERM") != "dumb"
+    return Console(force_terminal=None if interactive else False)
 
 
 def make_bars(console: Console) -> Progress:

@@ -89,6 +89,17 @@ def note_end(end: JobEnd) -> None:
             lines.write(json.dumps(asdict(end)) + "\n")
 
 
+def position(overrides: Sequence[str]) -> tuple[int, int] | None:
+    """Which job of its sweep these overrides make, from 1, and how many there are; None outside a sweep."""
+    directory = os.environ.get(SWEEP_VARIABLE)
+    try:
+        jobs = [settings(job) for job in read_sweep(Path(directory)).jobs] if directory else []
+    except ArtifactError:
+        return None
+    wanted = settings(overrides)
+    return (jobs.index(wanted) + 1, len(jobs)) if wanted in jobs else None
+
+
 def read_sweep(directory: Path) -> Sweep:
     """A sweep from its directory. Raises ArtifactError where its files are not what was written."""
     try:

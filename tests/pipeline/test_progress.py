@@ -6,9 +6,11 @@ import io
 import time
 from pathlib import Path
 
+import pytest
 from rich.console import Console
 
-from romgrl.progress import TerminalLog, format_duration, make_bars
+from romgrl import progress
+from romgrl.progress import TerminalLog, format_duration, make_bars, make_console
 
 
 def test_curve_widens_when_a_metric_appears(tmp_path: Path) -> None:
@@ -57,3 +59,33 @@ def test_a_resumed_curve_has_every_row_once(tmp_path: Path) -> None:
                 log.metrics({"loss": step / 10}, step)
     assert sent == [10, 20, 30, 40]
     assert (tmp_path / "curve.csv").read_text().splitlines() == ["step,loss", "10,1.0", "20,2.0", "30,3.0", "40,4.0"]
+
+
+def test_no_control_characters_where_there_is_no_terminal(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Also where CI asks every program for colours."""
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setattr(progress, "PLAIN_INTERVAL", 0.0)
+    monkeypatch.setattr(progress.time, "monotonic", iter(range(100)).__next__)
+    bars = make_bars(make_console())
+    bars.add_task("sweep", total=3, completed=1, speed="", numbers="job 2")
+    with bars, TerminalLog("student", tmp_path, bars=bars) as log:
+        log.progress(0, 4000, speed=3.5)
+        log.progress(1000, 4000, speed=3.5)
+        log.message("[bold]done")
+    bars.console.print("[bold]told")
+    printed = capsys.readouterr().out.splitlines()
+    assert printed[1:] == ["student: 1,000/4,000, 1,000 steps/s, 0:03 left, speed 3.5", "student: [bold]done", "told"]
+
+
+def test_a_sweep_has_a_bar_above_those_of_its_stages(tmp_path: Path) -> None:
+    bars = make_bars(Console(file=io.StringIO(), force_terminal=True, width=120))
+    bars.add_task("sweep", total=3, completed=1, speed="", numbers="job 2")
+    with TerminalLog("student", tmp_path, bars=bars) as log:
+        log.progress(1000, 4000, speed=3.5)
+        console = Console(file=io.StringIO(), width=120)
+        console.print(bars.get_renderable())
+        first, second = console.file.getvalue().splitlines()
+    assert all(text in first for text in ("sweep", "33%", "job 2"))
+    assert all(text in second for text in ("student", "25%", "speed 3.5"))

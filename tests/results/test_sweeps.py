@@ -22,6 +22,7 @@ from romgrl.results.sweeps import (
     JobEnd,
     Sweep,
     note_end,
+    position,
     read_sweep,
     settings,
     sweeps,
@@ -106,9 +107,12 @@ def test_a_job_that_ran_again_counts_as_it_ended_last(tmp_path: Path) -> None:
     assert sweep.end_of(["eta=0.3"]).error is None
     assert sweep.end_of(["eta=0.5"]).error == UNFINISHED
     assert sweep.swept == ["eta"]
+    assert position(["eta=0.5", "threads=1"]) == (2, 2)
+    assert position(["eta=0.9"]) is None
     assert sweeps(tmp_path.parent) == []  # it is not under sweeps/
     os.environ[SWEEP_VARIABLE] = ""
     note_end(JobEnd(["eta=0.5"]))
+    assert position(["eta=0.5"]) is None
     assert len(read_sweep(tmp_path).ends) == 2
 
 
