@@ -30,7 +30,7 @@ test: $(PACKAGE) ## run the tests (under 8 minutes on two cores)
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto $(ARGS)
 
 test-slow: $(PACKAGE) ## run the tests that train for minutes
-	$(BIN)/python -m pytest -m slow --timeout 3600 $(ARGS)
+	$(BIN)/python -m pytest -m "slow and not browser" --timeout 3600 $(ARGS)
 
 test-faults: $(PACKAGE) ## break it: kills, full disks, damaged files, lost servers, bad input (under 20 minutes)
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -m "slow or not slow" -n auto -rP --timeout 1200 tests/faults $(ARGS)

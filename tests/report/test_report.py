@@ -11,10 +11,8 @@ import pytest
 from matplotlib.colors import same_color
 from matplotlib.figure import Figure
 
-from romgrl.artifacts import save_arrays
 from romgrl.config import Config
 from romgrl.gait.alignment import mse_table
-from romgrl.gait.distances import distance_table
 from romgrl.gait.features import Floats, Gait
 from romgrl.gait.metrics import describe
 from romgrl.humanoid.model import build
@@ -23,6 +21,7 @@ from romgrl.progress import SilentLog
 from romgrl.report import document, figures, film, style, tables
 from romgrl.stages import report
 from tests.gait.synthetic import DT, run
+from tests.report import finished
 
 BLUE, ORANGE, GREEN = "#0072b2", "#d55e00", "#009e73"
 
@@ -193,7 +192,6 @@ def test_stage_without_opengl(
     smoke_config: Config,
     gaits: dict[str, Gait],
     errors: pd.DataFrame,
-    gait_rows: pd.DataFrame,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -202,24 +200,9 @@ def test_stage_without_opengl(
 
     monkeypatch.setattr(report, "SideCamera", no_camera)
     smoke_config.evaluation = replace(smoke_config.evaluation, episodes=4, steps=300, window=100)
-    inputs = {name: tmp_path / name for name in ("evaluation", "reference", "student", "baseline", "teacher")}
-    for path in inputs.values():
-        path.mkdir()
-    teacher = gaits["teacher"]
-    reference = {"features": teacher.features.reshape(-1, 5), "episode": np.repeat(np.arange(4, dtype=np.int32), 400)}
-    reference |= {"dt": DT, "speed": 4.0}
-    save_arrays(inputs["reference"] / "reference.npz", reference)
-    rollouts = {"dt": DT}
-    for name in ("student", "baseline"):
-        rollouts |= {f"{name}_features": gaits[name].features, f"{name}_upright": gaits[name].valid}
-        rollouts |= {f"{name}_velocity": gaits[name].velocity, f"{name}_states": np.zeros((30, 48))}
-        pd.DataFrame({"step": [1, 2], "speed": [1.0, 2.0]}).to_csv(inputs[name] / "curve.csv", index=False)
-    save_arrays(inputs["evaluation"] / "rollouts.npz", rollouts)
-    errors.to_csv(inputs["evaluation"] / "mse.csv", index=False)
-    compared = {"reference": gaits["teacher"], "student": gaits["student"], "baseline": gaits["baseline"]}
-    distances = distance_table(**compared, window=100, seed=0)
-    distances.to_csv(inputs["evaluation"] / "distances.csv", index=False)
-    gait_rows.to_csv(inputs["evaluation"] / "gait.csv", index=False)
+    states = dict.fromkeys(("student", "baseline"), np.zeros((30, 48)))
+    inputs = finished.write(tmp_path, gaits, states, speed=4.0)
+    finished.write_trainings(inputs)
     log, output = SilentLog(), tmp_path / "report"
     output.mkdir()
     report.run(smoke_config, inputs, output, log)

@@ -20,13 +20,13 @@ function themedLayout(layout) {
 
 function drawChart(chart) {
   const touch = window.matchMedia("(pointer: coarse)").matches;
-  const layout = { ...themedLayout(chart.figure.layout), dragmode: touch ? false : "zoom", autosize: true };
+  const layout = { ...themedLayout(chart.figure.layout), dragmode: touch ? false : "zoom", hovermode: "closest", autosize: true };
   const config = { responsive: true, displayModeBar: false, scrollZoom: false };
   chart.drawn = true;
   Plotly.newPlot(chart.plot, chart.figure.data, layout, config).then(() => {
     chart.cursors = cursorsOf(chart);
     chart.plot.on("plotly_afterplot", () => placeCursor(chart, lastTime));
-    if (chart.cursor === "time") chart.plot.on("plotly_click", (event) => goTo(event.points[0].x));
+    if (chart.cursor === "time") chart.plot.addEventListener("click", (event) => goToPixel(chart.plot, event.clientX));
     placeCursor(chart, lastTime);
   });
 }
@@ -52,6 +52,12 @@ function frame(plot) {
     x: (value) => margin.l + (width * (value - xaxis.range[0])) / (xaxis.range[1] - xaxis.range[0]),
     y: (value) => margin.t + height * (1 - (value - yaxis.range[0]) / (yaxis.range[1] - yaxis.range[0])),
   };
+}
+
+function goToPixel(plot, x) {
+  const { margin, xaxis } = plot.layout;
+  const share = (x - plot.getBoundingClientRect().left - margin.l) / (plot.clientWidth - margin.l - margin.r);
+  if (share >= 0 && share <= 1) goTo(xaxis.range[0] + share * (xaxis.range[1] - xaxis.range[0]));
 }
 
 let lastTime = 0;

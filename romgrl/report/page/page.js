@@ -3,6 +3,7 @@
 const SPEEDS = [0.1, 0.25, 0.5, 1, 2];
 const byId = (id) => document.getElementById(id);
 let time = scene.first * scene.dt; // where all walkers are there
+const places = Object.fromEntries([...document.querySelectorAll("[data-distance]")].map((e) => [e.dataset.distance, e]));
 let playing = false;
 let span = null; // [start, stop] in seconds of the stride that is looped
 let before = null;
@@ -12,8 +13,8 @@ function show() {
   byId("scrub").value = time;
   byId("clock").textContent = `${time.toFixed(2)} of ${duration.toFixed(2)} s`;
   for (const [name, x] of Object.entries(distances)) {
-    const place = document.querySelector(`[data-distance="${name}"]`);
-    place.textContent = x === null ? "not recorded here" : `${x.toFixed(1)} m`;
+    const text = x === null ? "not recorded here" : `${x.toFixed(1)} m`;
+    if (places[name].textContent !== text) places[name].textContent = text;
   }
   placeCursors(time);
 }

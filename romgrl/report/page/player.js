@@ -15,9 +15,14 @@ for (const walker of Object.values(walkers)) {
   walker.width = walker.points.length / walker.steps;
 }
 
+const colours = new Map(); // of the page's style, read once per scheme
+
 function colour(name) {
-  return getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+  if (!colours.has(name)) colours.set(name, getComputedStyle(document.documentElement).getPropertyValue(name).trim());
+  return colours.get(name);
 }
+
+window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => colours.clear());
 
 // Points and x of a walker at a time, between two recorded steps; null where nothing was recorded.
 function poseAt(walker, time) {
@@ -104,9 +109,8 @@ function drawGround(context, view, x, width) {
   context.stroke();
 }
 
-function fitted(element) {
+function fitted(element, width, height) {
   const ratio = window.devicePixelRatio || 1;
-  const [width, height] = [canvas.clientWidth, canvas.clientHeight];
   if (element.width !== Math.round(width * ratio) || element.height !== Math.round(height * ratio)) {
     element.width = Math.round(width * ratio);
     element.height = Math.round(height * ratio);
@@ -121,23 +125,23 @@ function fitted(element) {
 function drawScene(time) {
   const [width, height] = [canvas.clientWidth, canvas.clientHeight];
   if (!width || !height) return {};
-  const context = fitted(canvas);
+  const context = fitted(canvas, width, height);
   const names = ["baseline", "student", "teacher"].filter((name) => shown.has(name) && name in walkers);
   const scale = Math.min((height - 46) / 1.95, apart ? width / (1.5 * Math.max(1, names.length)) : width / 1.8);
   const ground = height - 30;
   const poses = Object.fromEntries(Object.keys(walkers).map((name) => [name, poseAt(walkers[name], time)]));
   const leader = ["student", "baseline", "teacher"].find((name) => shown.has(name) && poses[name]);
   context.font = "11px system-ui, sans-serif";
-  const centre = { scale, x: (x) => width / 2 + scale * x, y: (y) => ground - scale * y };
-  drawGround(context, centre, leader ? poses[leader].x : 0, width);
+  const reach = Math.min(width, 2.6 * scale); // no limb leaves it
+  const view = (middle) => ({ scale, x: (x) => middle + scale * x, y: (y) => ground - scale * y });
+  drawGround(context, view(width / 2), leader ? poses[leader].x : 0, width);
   names.forEach((name, place) => {
     if (!poses[name]) return;
     const shift = apart ? ((place + 0.5) / names.length - 0.5) * Math.min(width, 1.6 * scale * names.length) : 0;
-    const view = { ...centre, x: (x) => centre.x(x) + shift };
-    const over = fitted(layer);
-    (name === "teacher" ? drawModel : drawBody)(over, poses[name], view, page.colors[name]);
+    const over = fitted(layer, reach, height);
+    (name === "teacher" ? drawModel : drawBody)(over, poses[name], view(reach / 2), page.colors[name]);
     context.globalAlpha = name === "teacher" || apart ? 1 : name === "student" ? 0.85 : 0.6;
-    context.drawImage(layer, 0, 0, width, height);
+    context.drawImage(layer, width / 2 + shift - reach / 2, 0, reach, height);
     context.globalAlpha = 1;
   });
   return Object.fromEntries(Object.entries(poses).map(([name, pose]) => [name, pose && pose.x]));
