@@ -31,6 +31,11 @@ COUNT_FRAMES = """() => new Promise((resolve) => {
   play(true);
   setTimeout(() => { play(false); drawScene = drawn; resolve(1000 * frames / (performance.now() - begin)); }, 4000);
 })"""
+RECORD_TIMES = """() => {
+  const drawn = drawScene;
+  window.seen = [];
+  drawScene = (time) => { seen.push(time); return drawn(time); };
+}"""
 CURSOR_ERRORS = """() => [...charts.values()].filter((chart) => chart.cursor === "time").map((chart) => {
   const axis = chart.plot._fullLayout.xaxis;
   const line = chart.plot.querySelector(".cursor.line").getBoundingClientRect();
@@ -100,7 +105,7 @@ def test_speed_and_loop_of_one_stride(opened: Page) -> None:
     assert stop - start == pytest.approx(1 / 1.8, abs=0.04)
     opened.locator("#speed").select_option("2")
     opened.keyboard.press("Space")
-    opened.evaluate("window.seen = []; const drawn = drawScene; drawScene = (t) => { seen.push(t); return drawn(t); }; null")
+    opened.evaluate(RECORD_TIMES)
     opened.wait_for_function("() => seen.some((t, i) => i && t < seen[i - 1])")
     assert opened.evaluate(f"seen.filter((t) => t < {start} || t > {stop})") == []
 

@@ -22,7 +22,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 def is_cosmetic(key: str) -> bool:
-    return key in COSMETIC or key.startswith("tracking.")
+    return key in COSMETIC or key.startswith(("tracking.", "watch."))
 
 
 def test_every_leaf_is_semantic_or_cosmetic(

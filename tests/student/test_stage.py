@@ -78,7 +78,7 @@ def test_what_is_logged(configuration: Composer, reference: Path, tmp_path: Path
     student.run(configuration("student.total_steps=4096"), {"reference": reference}, tmp_path, log)
     (step, values), *_ = log.rows
     assert step == 4096
-    assert values["updates"] == pytest.approx((4096 - 500) * 0.09375, abs=8)
+    assert values["updates"] == pytest.approx((4096 - 500) * 0.1875, abs=8)
     assert 0 < values["imitation_share"] < 1
     for name in ("accuracy_teacher", "accuracy_student", "validation_loss", "gradient_norm", "loss"):
         assert np.isfinite(values[f"discriminator_{name}"])
