@@ -27,7 +27,7 @@ run: $(PACKAGE) ## train teacher, student and baseline, and compare them (option
 	$(BIN)/python -m romgrl experiment=quickstart $(ARGS)
 
 test: $(PACKAGE) ## run the tests (under 8 minutes on two cores)
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto $(ARGS)
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadgroup $(ARGS)
 
 test-slow: $(PACKAGE) ## run the tests that train for minutes
 	$(BIN)/python -m pytest -m "slow and not browser" --timeout 3600 $(ARGS)

@@ -35,6 +35,8 @@ FREE = {
     *LABELS,
 }  # may be read anywhere, change no result
 SIZELESS = {"humanoid.actuation", "humanoid.substeps"}  # the teacher builds the body only to measure it
+pytestmark = pytest.mark.xdist_group("smoke")  # one process makes the run that all of them read
+
 CHANNELS = ["pelvis_y", "left_foot_x", "left_foot_z", "right_foot_x", "right_foot_z", "average"]
 
 

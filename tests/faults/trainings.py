@@ -39,8 +39,9 @@ STUDENT = (
     "student.learning_starts=400",
     "student.batch_size=32",
     "student.buffer_size=1600",
-    "student.updates_per_step=0.3",
+    "student.updates_per_step=0.15",
     "discriminator.batch_size=32",
+    "discriminator.hidden_sizes=[32,16]",
     "discriminator.recent_steps=400",
     "humanoid.episode_steps=20",
 )

@@ -118,6 +118,7 @@ def test_interrupted_runs_are_closed(smoke_config: Config, monkeypatch: pytest.M
     assert status == {"job": "KILLED", "student": "KILLED", "teacher": "FINISHED", "reference": "FINISHED"}
 
 
+@pytest.mark.slow
 def test_four_processes_open_a_fresh_store_at_once(tmp_path: Path) -> None:
     script = (
         "import sys; from pathlib import Path; from romgrl.recorder import open_recorder;"
@@ -137,6 +138,7 @@ def test_four_processes_open_a_fresh_store_at_once(tmp_path: Path) -> None:
     assert store[18:20] == b"\x02\x02"  # file format of the SQLite header: write-ahead log
 
 
+@pytest.mark.slow
 def test_a_store_that_fails_is_told_and_nothing_is_lost(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "mlflow.db").write_text("this is not a database")
     recorder = open_recorder(None, "romgrl", tmp_path, enabled=True)
@@ -155,6 +157,7 @@ def test_a_store_that_fails_is_told_and_nothing_is_lost(tmp_path: Path, capsys: 
     assert only_run(tmp_path).data.metrics == {"m": 1.0}
 
 
+@pytest.mark.slow
 def test_the_sender_does_not_wait(tmp_path: Path) -> None:
     """A training logs some 20 numbers a second. A hundred times that is sent at once, and all of it arrives."""
     recorder = open_recorder(None, "romgrl", tmp_path, enabled=True)
@@ -190,6 +193,7 @@ def wait_for_runs(outputs: Path, status: Mapping[str, str]) -> None:
         time.sleep(0.2)
 
 
+@pytest.mark.slow
 def test_a_process_of_mlflow_that_dies_costs_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     recorder = open_recorder(None, "romgrl", tmp_path, enabled=True)
     job = recorder.start("job", tags={})
@@ -214,6 +218,7 @@ def test_a_process_of_mlflow_that_dies_costs_nothing(tmp_path: Path, capsys: pyt
     assert {stored.info.status for stored in runs.values()} == {"FINISHED"}
 
 
+@pytest.mark.slow
 def test_jobs_of_a_sweep_share_a_process(tmp_path: Path) -> None:
     one = open_recorder(None, "romgrl", tmp_path, enabled=True)
     other = open_recorder(None, "romgrl", tmp_path, enabled=True)
@@ -229,6 +234,7 @@ def test_jobs_of_a_sweep_share_a_process(tmp_path: Path) -> None:
     elsewhere.close()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("fakes")
 def test_the_load_of_the_machine_is_recorded_on_request(smoke_config: Config, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("MLFLOW_SYSTEM_METRICS_SAMPLING_INTERVAL", "0.1")
