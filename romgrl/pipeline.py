@@ -22,7 +22,7 @@ from romgrl.pretrained import require_shipped
 from romgrl.progress import make_bars, make_console
 from romgrl.recorder import SYSTEM_METRICS, open_recorder, sync, ui_command
 from romgrl.summary import TRAINING_MINUTES, headline, result_metrics, result_tables, robustness_metrics
-from romgrl.titles import job_note, job_title
+from romgrl.titles import job_note, job_title, jobs_address
 from romgrl.watching import watch
 from romgrl.worker import Worker, execute
 
@@ -71,8 +71,8 @@ def run(
     try:
         with job.bars:
             run_stages(job)
+        describe(job, title)  # first: the UI shows the numbers of a run in the order in which they came
         job.record_reuse()
-        describe(job, title)
         if "evaluation" in job.finished:
             tracked.metrics(result_metrics(job.finished["evaluation"]), 0)
         if "robustness" in job.finished:
@@ -91,6 +91,8 @@ def run(
         job.say(f"figures and films: {job.finished['report']}")
     if tracking.enabled:
         job.say(f"compare runs: {ui_command(recorder.uri)}")
+        if recorder.experiment_id is not None:
+            job.say(f"jobs, best first: {jobs_address(redacted(recorder.uri), recorder.experiment_id)}")
     return job.finished
 
 

@@ -24,6 +24,7 @@ from romgrl.tracking_process import TrackingProcess
 LOCAL = "local:"  # before the id of a run that MLflow has not named yet
 NOTE = "mlflow.note.content"  # the tag of a description, which the UI shows as Markdown
 SYSTEM_METRICS = "romgrl.system_metrics"  # the tag of a run that gets the load of its machine
+UI_ADDRESS = "http://127.0.0.1:5000"  # of the command of `ui_command`
 LOG = "tracking.log"  # beside the journals: what the process of MLflow would print
 
 
@@ -89,6 +90,11 @@ class Recorder:
     def lost(self) -> bool:
         """Tell whether the process of MLflow is gone."""
         return self.process is not None and not self.process.alive
+
+    @property
+    def experiment_id(self) -> str | None:
+        """MLflow's id of the experiment; None until the store has told one of its runs."""
+        return self.process.experiment_id if self.process is not None else None
 
     def start(
         self,

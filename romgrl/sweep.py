@@ -30,7 +30,7 @@ from romgrl.loading import stored_sweep, sweep_jobs
 from romgrl.pipeline import available_cores
 from romgrl.provenance import machine
 from romgrl.recorder import open_recorder
-from romgrl.results.sweeps import SWEEP_VARIABLE, read_sweep, write_sweep
+from romgrl.results.sweeps import SWEEP_VARIABLE, read_sweep, settings, write_sweep
 
 BUDGETS = ("teacher.total_steps", "student.total_steps")
 NO_RESULTS = ("sync", "verify", "watch")
@@ -100,7 +100,8 @@ class SweepCallback(Callback):
         self._recorder = open_recorder(tracking.uri, str(tracking.experiment), outputs, enabled=tracking.enabled)
         overrides = [*config.hydra.overrides.task]
         stored = str(config.hydra.job.config_name)
-        name = " ".join(["sweep", *([stored] if stored != "config" or not overrides else []), *overrides])
+        chosen = [text for text in overrides if settings([text])]
+        name = " ".join(["sweep", *([stored] if stored != "config" or not chosen else []), *chosen])
         loader = GlobalHydra.instance().config_loader()
         planned = sweep_jobs([*stored_sweep(config), *overrides], loader)
         jobs = len(planned)

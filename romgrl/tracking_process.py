@@ -38,6 +38,7 @@ class TrackingProcess:
     ) -> None:
         self._fetched: dict[str, str] = {}
         self.run_ids: dict[str, str] = {}  # MLflow's, by local id
+        self.experiment_id: str | None = None
         self.texts: list[str] = []
         self.failure: str | None = None
         self.reason: str | None = None  # why the store is away
@@ -142,13 +143,15 @@ class TrackingProcess:
             self._changed.notify_all()
 
     def _take(self, kind: str, *values: str) -> None:
-        """Take note of a message: beat, answered, run (local id, MLflow's id), fetched (ticket, answer), away..."""
+        """Take note of a message: beat, answered, run (local id, MLflow's id), fetched (ticket, answer)..."""
         if kind == "away":
             self._fail(*values)
         elif kind == "text":
             self.texts += values
         elif kind == "failure":
             (self.failure,) = values
+        elif kind == "experiment":
+            (self.experiment_id,) = values
         elif kind in ("answered", "run"):
             self.reason = None
         elif kind == "fetched":

@@ -125,6 +125,7 @@ class Live:
         moved = self._own.step()
         for uid in self._own.starts.keys() & self.known.keys() - self._told:
             self._told.add(uid)
+            self.link.say("experiment", self.store.experiment_id(self._own.outbox.experiment))
             self.link.say("run", uid, self.known[uid])
             if SYSTEM_METRICS in self._own.starts[uid]["tags"]:
                 self.store.watch_machine(self.known[uid])

@@ -30,6 +30,7 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from romgrl.journal import Entry
 from romgrl.recorder import LOCAL
+from romgrl.summary import LABELS
 
 METRICS_PER_BATCH = 1000  # MLflow's own limits of one request
 PARAMS_PER_BATCH = 100
@@ -37,6 +38,7 @@ PARAM_LENGTH = 6000
 NAME_LENGTH = 250
 TABLES = "tables"  # the folder of a run that has them
 TABULATED = {f"{name}.csv" for name in ("mse", "distances", "gait", "robustness", "floquet", "jobs", "cells")}
+STUDENT = "student"
 NOT_IN_NAMES = re.compile(r"[^\w\-. :/]")
 PARENT_TAG = "mlflow.parentRunId"
 UID_TAG = "romgrl.uid"
@@ -177,7 +179,7 @@ class Store:
             rows = pd.read_csv(file)
         except ValueError as error:
             raise RefusedError(f"{file}: {first_line(error)}") from error
-        self.request("log_table", run_id, rows, name)
+        self.request("log_table", run_id, readable(rows, LABELS.get(file.name, ())), name)
 
     def finish(self, experiment: str, run_id: str, entry: Entry) -> None:
         """Close a run, unless it went on after this request; runs that a lost answer made are deleted."""
@@ -194,6 +196,21 @@ class Store:
         if self._client is not None and self.on_disk:
             with closing(sqlite3.connect(self.uri.removeprefix("sqlite:///"))) as store:
                 store.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+
+
+def readable(rows: pd.DataFrame, labels: Sequence[str]) -> pd.DataFrame:
+    """A table as MLflow's comparison of tables shows it best: what names a row in one column, the student next to it.
+
+    The UI groups by the first column and compares the second one; it shows ten digits of a number, so four are left.
+    """
+    names = [name for name in labels if name in rows]
+    rows = rows.map(lambda cell: float(f"{cell:.4g}") if isinstance(cell, float) else cell)
+    if len(names) > 1:
+        rows.insert(0, ", ".join(names), rows[names].astype(str).agg(", ".join, axis=1))
+        rows = rows.drop(columns=names)
+    if len(names) > 0 and STUDENT in rows:
+        rows.insert(1, STUDENT, rows.pop(STUDENT))
+    return rows
 
 
 def open_client(uri: str, outputs: Path) -> MlflowClient:

@@ -7,19 +7,15 @@ import shutil
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
-import numpy as np
 import pandas as pd
 import pytest
 from playwright.sync_api import Browser, Page, sync_playwright
 
-from romgrl.gait.features import Gait
 from romgrl.humanoid.model import build
 from romgrl.stages import report, report_page
+from tests.browser.walkers import EPISODES, write_run
 from tests.conftest import Composer
-from tests.gait.synthetic import DT, run
-from tests.report import finished
 
 STEPS = 300  # 10 s
 SCREENSHOTS = Path(os.environ.get("ROMGRL_SCREENSHOTS", Path(__file__).parents[2] / "outputs" / "screenshots"))
@@ -42,18 +38,11 @@ def browser() -> Iterator[Browser]:
 def page_file(compose_config: Composer, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """report.html of walkers whose legs swing at 1.75 and 2.4 strides per second."""
     folder = tmp_path_factory.mktemp("report")
-    model = build()
-    gaits = {
-        "teacher": walker(1.75, steps=250, episodes=4),
-        "student": walker(1.8, height=0.87, noise=0.01),
-        "baseline": walker(2.4, height=0.75, noise=0.01, amplitude=0.3),
-    }
-    states = {name: running(model, rate) for name, rate in (("student", 1.8), ("baseline", 2.4))}
-    inputs = finished.write(folder, gaits, states, speed=4.0)
-    finished.write_trainings(inputs)
+    inputs = write_run(folder, steps=STEPS)
     config = compose_config("experiment=smoke", "threads=1", "speed=4", f"paths.outputs={folder}/outputs")
-    config.evaluation = replace(config.evaluation, episodes=8, steps=STEPS, window=100)
+    config.evaluation = replace(config.evaluation, episodes=EPISODES, steps=STEPS, window=100)
     tables = {name: pd.read_csv(inputs["evaluation"] / f"{name}.csv") for name in ("mse", "gait")}
+    model = build()
     rollouts = report.read_rollouts(inputs["evaluation"], config, model.nq + model.nv)
     facts = report.collect_facts(config, inputs)
     report_page.write_page(
@@ -90,22 +79,3 @@ def watch(page: Page) -> tuple[list[str], list[str]]:
     page.on("pageerror", lambda error: faults.append(str(error)))
     page.on("request", lambda request: requests.append(request.url) if not request.url.startswith("data:") else None)
     return faults, requests
-
-
-def walker(rate: float, *, episodes: int = 8, steps: int = STEPS, **shape: float) -> Gait:
-    """Episodes of a synthetic run at 4 m/s."""
-    features, contact = run(episodes=episodes, steps=steps, frequency=rate, **shape)  # type: ignore[arg-type]
-    size = features.shape[:2]
-    return Gait(features, np.ones(size, bool), np.zeros(episodes, bool), DT, np.full(size, 4.0), contact)
-
-
-def running(model: Any, rate: float) -> Any:
-    """States (T, nq + nv) of a humanoid that moves forward at 4 m/s and swings its legs."""
-    states = np.zeros((STEPS, model.nq + model.nv))
-    time = DT * np.arange(STEPS)
-    swing = np.sin(2 * np.pi * rate * time)
-    for joint, angle in (("L_Hip", -0.5 * swing), ("R_Hip", 0.5 * swing), ("L_Knee", 0.6 + 0.4 * swing)):
-        names = [index for index in range(model.njnt) if model.joint(index).name.startswith(joint)]
-        states[:, model.jnt_qposadr[names[0]]] = angle
-    states[:, 0], states[:, 1] = 4.0 * time, 0.9
-    return states

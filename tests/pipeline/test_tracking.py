@@ -75,10 +75,12 @@ def test_one_run_per_stage_under_one_job(smoke_config: Config) -> None:
     assert (outputs / "mlartifacts").is_dir()
     assert '"path": "tables/mse.json", "type": "table"' in runs["evaluation"].data.tags["mlflow.loggedArtifacts"]
     table = json.loads(Path(client.download_artifacts(runs["evaluation"].info.run_id, "tables/mse.json")).read_text())
-    assert table["data"] == [["average", "raw", 2, 1, 50]]
+    assert table["columns"] == ["channel, alignment", "student", "baseline", "reduction_percent"]
+    assert table["data"] == [["average, raw", 1, 2, 50]]
     text = console.file.getvalue()
     assert f"mlflow run: {student.info.run_id}\n" in text
     assert f"mlflow ui --backend-store-uri sqlite:///{outputs.resolve()}/mlflow.db --host 127.0.0.1\n" in text
+    assert "jobs, best first: http://127.0.0.1:5000/#/experiments/1/runs?workflowType=machine_learning&" in text
 
 
 @pytest.mark.usefixtures("fakes")
@@ -107,6 +109,7 @@ def test_sweep_is_the_parent_of_its_jobs(command: Command, tmp_path: Path) -> No
     assert [job.data.tags[PARENT_TAG] for job in jobs] == [sweep.info.run_id] * 2
     assert {job.data.params["speed"] for job in jobs} == {"1.0", "4.0"}
     assert (sweep.info.status, sweep.data.params["jobs"]) == ("FINISHED", "2")
+    assert sweep.info.run_name == "sweep experiment=smoke speed=1,4"
 
 
 @pytest.mark.usefixtures("fakes")
@@ -252,11 +255,11 @@ def test_tables_are_logged_once(tmp_path: Path) -> None:
     store = Store(default_uri(tmp_path), tmp_path)
     run_id = store.request("create_run", store.experiment_id("romgrl")).info.run_id
     (tmp_path / "results").mkdir()
-    (tmp_path / "results" / "mse.csv").write_text("channel,student\npelvis_y,0.25\n")
+    (tmp_path / "results" / "mse.csv").write_text("channel,student\npelvis_y,0.123456\n")
     for _ in range(2):
         store.artifacts(run_id, tmp_path / "results")
     table = Path(store.request("download_artifacts", run_id, "tables/mse.json"))
-    assert json.loads(table.read_text()) == {"columns": ["channel", "student"], "data": [["pelvis_y", 0.25]]}
+    assert json.loads(table.read_text()) == {"columns": ["channel", "student"], "data": [["pelvis_y", 0.1235]]}
     (tmp_path / "results" / "gait.csv").write_text("")
     with pytest.raises(RefusedError, match=r"gait\.csv: No columns"):
         store.artifacts(run_id, tmp_path / "results")
