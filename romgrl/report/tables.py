@@ -18,11 +18,15 @@ UNITS = {
     "deg": "deg",
     "strides": "strides",
 }
+DECIMALS = {"m_per_s": 2, "percent": 1, "hz": 2, "deg": 1}  # of the numbers of a gait; 3 of all others
+COUNTS = ("episodes", "falls")
+ERROR_DECIMALS = 5  # m²
+DISTANCE_DECIMALS = 4
 
 
 def markdown(table: pd.DataFrame) -> str:
-    """A table in Markdown; text to the left, numbers to four significant digits to the right."""
-    numeric = [pd.api.types.is_numeric_dtype(table[column]) for column in table]
+    """A table in Markdown; text to the left, numbers to the right, to four significant digits unless they are text."""
+    numeric = [all(is_number(value) for value in table[column]) for column in table]
     lines = [
         "| " + " | ".join(str(column) for column in table) + " |",
         "|" + "|".join("---:" if right else "---" for right in numeric) + "|",
@@ -38,14 +42,34 @@ def cell(value: object) -> str:
     return str(value).replace("|", "\\|")
 
 
+def is_number(value: object) -> bool:
+    """Tell whether a cell is a number, as one or as text; a dash stands for one."""
+    try:
+        float("nan" if value == "-" else str(value))
+    except ValueError:
+        return False
+    return True
+
+
+def fixed(value: float, decimals: int) -> str:
+    """A number with so many decimals, so that a column of them can be compared; a dash for what is not known."""
+    return f"{value:,.{decimals}f}" if math.isfinite(value) else "-"
+
+
+def gait_number(name: str, value: float) -> str:
+    """A number of the gait with the decimals of its unit."""
+    unit = next((suffix for suffix in UNITS if name.endswith(f"_{suffix}")), "")
+    return fixed(value, 0 if name in COUNTS else DECIMALS.get(unit, 3))
+
+
 def error_table(errors: pd.DataFrame) -> pd.DataFrame:
     """mse.csv for reading: aligned beside raw, channels by name, one row each."""
     table = pd.DataFrame({"channel": [*CHANNEL_LABELS.values(), "average"]})
     for alignment in ("aligned", "raw"):
         rows = errors[errors.alignment == alignment].set_index("channel").loc[[*CHANNEL_LABELS, "average"]]
         for column, label in (("baseline", "baseline"), ("student", "student"), ("teacher_floor", "teacher floor")):
-            table[f"{label}, {alignment} [m²]"] = rows[column].to_numpy(float)
-        table[f"reduction, {alignment} [%]"] = rows["reduction_percent"].to_numpy(float).round(1)
+            table[f"{label}, {alignment} [m²]"] = [fixed(float(value), ERROR_DECIMALS) for value in rows[column]]
+        table[f"reduction, {alignment} [%]"] = [fixed(float(value), 1) for value in rows["reduction_percent"]]
     return table
 
 
@@ -54,16 +78,18 @@ def distance_table(distances: pd.DataFrame) -> pd.DataFrame:
     names = {**CHANNEL_LABELS, "all": "all channels"}
     table = pd.DataFrame({"distance": distances.distance, "channel": distances.channel.map(names)})
     for column in ("baseline", "student", "teacher_floor"):
-        table[column.replace("_", " ")] = distances[column].astype(float)
+        table[column.replace("_", " ")] = [fixed(float(value), DISTANCE_DECIMALS) for value in distances[column]]
     table["unit"] = distances.unit.astype(str)
     for column in ("baseline_p", "student_p", "floor_p"):
-        table[column.replace("_", " ")] = distances[column].astype(float)
+        table[column.replace("_", " ")] = [fixed(float(value), DISTANCE_DECIMALS) for value in distances[column]]
     return table
 
 
 def gait_table(gaits: pd.DataFrame) -> pd.DataFrame:
     """gait.csv for reading: one row per number, one column per walker, units in brackets."""
-    table = gaits.set_index("walker").T
+    table = gaits.set_index("walker").T.astype(object)
+    for name in table.index:
+        table.loc[name] = [gait_number(str(name), float(value)) for value in table.loc[name]]
     table.insert(0, "", [with_unit(str(name)) for name in table.index])
     return table.reset_index(drop=True).rename_axis(None, axis=1)
 

@@ -14,6 +14,7 @@ from playwright.sync_api import Browser, Page, sync_playwright
 
 from romgrl.humanoid.model import build
 from romgrl.stages import report, report_page
+from romgrl.stages.inputs import read_rollouts
 from tests.browser.walkers import EPISODES, write_run
 from tests.conftest import Composer
 
@@ -43,7 +44,7 @@ def page_file(compose_config: Composer, tmp_path_factory: pytest.TempPathFactory
     config.evaluation = replace(config.evaluation, episodes=EPISODES, steps=STEPS, window=100)
     tables = {name: pd.read_csv(inputs["evaluation"] / f"{name}.csv") for name in ("mse", "gait")}
     model = build()
-    rollouts = report.read_rollouts(inputs["evaluation"], config, model.nq + model.nv)
+    rollouts = read_rollouts(inputs["evaluation"], config, model.nq + model.nv)
     facts = report.collect_facts(config, inputs)
     report_page.write_page(
         config,

@@ -20,7 +20,7 @@ from romgrl.misfits import misfits
 from romgrl.pretrained import GROUPS, require_shipped
 from romgrl.pretrained.__main__ import main, write
 from romgrl.progress import SilentLog
-from romgrl.report.tables import cell
+from romgrl.report.tables import gait_number
 from romgrl.stages import pretrained as stages
 from romgrl.summary import read_rows
 from tests.conftest import Composer
@@ -105,8 +105,8 @@ def test_the_card_has_every_number_of_the_evaluation(outputs: Path, place: Path)
     for stage in GROUPS:
         assert read_manifest(place / stage).digest in card
     shown = {text.strip() for line in card.splitlines() if line.startswith("|") for text in line.split("|")}
-    rows = read_rows(made(outputs, "evaluation") / "gait.csv")
-    numbers = [cell(float(value or "nan")) for row in rows for name, value in row.items() if name != "walker"]
+    cells = [item for row in read_rows(made(outputs, "evaluation") / "gait.csv") for item in row.items()]
+    numbers = [gait_number(name, float(value or "nan")) for name, value in cells if name != "walker"]
     print(f"{sum(number in shown for number in numbers)} of {len(numbers)} numbers of gait.csv in the card")
     assert len(numbers) >= 45
     assert set(numbers) <= shown

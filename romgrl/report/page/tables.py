@@ -12,7 +12,7 @@ import pandas as pd
 from romgrl.artifacts import Manifest
 from romgrl.gait import human
 from romgrl.report.style import CHANNEL_LABELS
-from romgrl.report.tables import cell, with_unit
+from romgrl.report.tables import ERROR_DECIMALS, fixed, gait_number, with_unit
 
 
 @dataclass(frozen=True)
@@ -45,9 +45,10 @@ def gait_rows(gaits: pd.DataFrame, speed: float) -> list[GaitRow]:
         band = bands.get(name)
         values = [float(row[name]) for row in numbers]
         said = [
-            Value(number(value), None if band is None or math.isnan(value) else band.holds(value)) for value in values
+            Value(gait_number(name, value), None if band is None or math.isnan(value) else band.holds(value))
+            for value in values
         ]
-        text = f"{number(band.low)} to {number(band.high)}" if band else ""
+        text = " to ".join(gait_number(name, limit) for limit in (band.low, band.high)) if band else ""
         found.append(GaitRow(with_unit(name), said, text, band.source if band else ""))
     return found
 
@@ -57,10 +58,10 @@ def error_rows(table: pd.DataFrame) -> list[list[str]]:
     return [
         [
             CHANNEL_LABELS.get(row["channel"], row["channel"]),
-            _with_interval(row, "baseline", "{:.5f}"),
-            _with_interval(row, "student", "{:.5f}"),
-            _with_interval(row, "reduction_percent", "{:.1f}"),
-            number(float(row["teacher_floor"])),
+            _with_interval(row, "baseline", ERROR_DECIMALS),
+            _with_interval(row, "student", ERROR_DECIMALS),
+            _with_interval(row, "reduction_percent", 1),
+            fixed(float(row["teacher_floor"]), ERROR_DECIMALS),
         ]
         for row in table.to_dict("records")
     ]
@@ -104,14 +105,7 @@ def duration(seconds: float) -> str:
     return f"{seconds:.1f} s" if seconds < 120 else f"{seconds / 60:.0f} min"
 
 
-def number(value: float) -> str:
-    """Three or four digits that matter; a dash for what is not known."""
-    return f"{value:,.0f}" if value.is_integer() and abs(value) >= 10 else cell(value)
-
-
-def _with_interval(row: Mapping[Any, Any], name: str, form: str) -> str:
+def _with_interval(row: Mapping[Any, Any], name: str, decimals: int) -> str:
     value, low, high = (float(row[key]) for key in (name, f"{name}_low", f"{name}_high"))
-    if not math.isfinite(value):
-        return "-"
-    interval = f" ({form.format(low)} to {form.format(high)})" if math.isfinite(low) else ""
-    return form.format(value) + interval
+    interval = f" ({fixed(low, decimals)} to {fixed(high, decimals)})" if math.isfinite(low) else ""
+    return fixed(value, decimals) + interval
