@@ -182,10 +182,12 @@ def test_a_job_that_waits_for_another_can_be_interrupted(tmp_path: Path, compose
     with FileLock(outputs / "artifacts" / "baseline" / f".{key}.lock"):
         job = start(*TWO, "tracking=none", f"paths.outputs={outputs}")
         wait_for(outputs / "artifacts" / "calls.txt", 3)
+        assert job.stdout is not None
+        waiting = f"baseline: {key} is being made by another process; waiting for it"
+        assert any(waiting in line for line in job.stdout)
         job.send_signal(signal.SIGINT)
-        out, err = job.communicate(timeout=20)
+        _, err = job.communicate(timeout=60)
     assert (job.returncode, err) == (130, "")
-    assert f"baseline: {key} is being made by another process; waiting for it" in out
 
 
 @pytest.mark.usefixtures("fakes")
