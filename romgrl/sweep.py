@@ -32,7 +32,8 @@ from romgrl.provenance import machine
 from romgrl.recorder import open_recorder
 from romgrl.results.sweeps import SWEEP_VARIABLE, read_sweep, settings, write_sweep
 
-BUDGETS = ("teacher.total_steps", "student.total_steps")
+GROUPS = ("teacher", "student")
+BUDGETS = tuple(f"{group}.total_steps" for group in GROUPS)
 NO_RESULTS = ("sync", "verify", "watch")
 
 
@@ -68,8 +69,9 @@ def joblib_processes(n_jobs: int) -> int:
 
 
 def note_sweep(directory: Path, name: str, jobs: list[list[str]], loader: ConfigLoader) -> None:
-    """Write down what a sweep was asked for, where it runs, and the budgets of the default configuration."""
-    usual = loader.load_configuration("config", [], RunMode.RUN)
+    """Write down what a sweep was asked for, where it runs, and the usual budgets of its teacher and student."""
+    named = loader.load_configuration(name, [], RunMode.RUN).hydra.runtime.choices
+    usual = loader.load_configuration("config", [f"{group}={named[group]}" for group in GROUPS], RunMode.RUN)
     write_sweep(
         directory,
         name,

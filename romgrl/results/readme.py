@@ -1,45 +1,49 @@
-"""The README's table: the runs of the paper's sweep side by side."""
+"""The README's table: what the paper's sweep and the walking one came to, one column per speed and teacher."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 
 from romgrl.errors import ArtifactError
 from romgrl.gait.features import CHANNELS
 from romgrl.report.style import CHANNEL_LABELS
-from romgrl.report.tables import markdown
+from romgrl.report.tables import fixed, markdown
 from romgrl.results.cells import JobResult, results
-from romgrl.results.document import PAPER, merged
+from romgrl.results.document import CLAIMED, merged
 from romgrl.results.sweeps import sweeps
 
 START, END = "<!-- results -->", "<!-- end of results -->"
 GAIT = {
-    "falls_percent": "episodes with a fall [%]",
-    "steady_speed_m_per_s": "speed after 2 s [m/s]",
-    "trunk_lean_deg": "trunk lean, forward positive [deg]",
-    "stride_frequency_hz": "strides [Hz]",
+    "falls_percent": ("episodes of 33 s with a fall [%]", 1),
+    "steady_speed_m_per_s": ("speed after 2 s [m/s]", 2),
+    "trunk_lean_deg": ("trunk lean, forward positive [deg]", 0),
+    "stride_frequency_hz": ("strides [Hz]", 2),
 }
 ROWS = {
-    **{f"{walker}/{name}": f"{walker}: {label}" for walker in ("student", "baseline") for name, label in GAIT.items()},
-    "teacher/stride_frequency_hz": "teacher: strides [Hz]",
+    "average/aligned/reduction_percent": ("aligned error, average: reduction [%]", 1),
     **{
-        f"{channel}/aligned/reduction_percent": f"aligned error, {CHANNEL_LABELS.get(channel, channel)}: reduction [%]"
-        for channel in (*CHANNELS, "average")
+        f"{channel}/aligned/reduction_percent": (f"aligned error, {CHANNEL_LABELS[channel]}: reduction [%]", 1)
+        for channel in CHANNELS
     },
-    "average/raw/reduction_percent": "raw error, average: reduction [%]",
-}
+    "average/raw/reduction_percent": ("raw error, average: reduction [%]", 1),
+    "teacher/stride_frequency_hz": ("teacher: strides [Hz]", 2),
+    **{
+        f"{walker}/{name}": (f"{walker}: {label}", decimals)
+        for walker in ("student", "baseline")
+        for name, (label, decimals) in GAIT.items()
+    },
+}  # the number, its label and its decimals
 
 
 def write_readme(outputs: Path, document: Path) -> None:
     """Put the table between the markers. Raises ArtifactError where there is no such sweep, or no such place."""
-    found = [sweep for sweep in merged(sweeps(outputs)) if sweep.name == PAPER]
+    found = [sweep for sweep in merged(sweeps(outputs)) if sweep.name in CLAIMED]
     jobs = [each for sweep in found for each in results(sweep, outputs) if each.evaluation is not None]
     if not jobs:
-        raise ArtifactError(f"{outputs}: no job of the sweep {PAPER} has finished")
+        raise ArtifactError(f"{outputs}: no job of the sweeps {' and '.join(CLAIMED)} has finished")
     before, _, rest = document.read_text().partition(START)
     if END not in rest:
         raise ArtifactError(f"{document}: has no markers {START} and {END}")
@@ -47,22 +51,24 @@ def write_readme(outputs: Path, document: Path) -> None:
 
 
 def runs_table(jobs: Sequence[JobResult]) -> pd.DataFrame:
-    """One row per number, one column per run, and mean and deviation over the runs of a speed."""
-    by_speed: dict[float, list[JobResult]] = {}
+    """One row per number, one column per speed and teacher: the mean over the seeds, the smallest and the largest."""
+    groups: dict[tuple[float, float], list[JobResult]] = {}
     for each in jobs:
         assert each.evaluation is not None
-        by_speed.setdefault(float(each.evaluation.settings["speed"]), []).append(each)
-    parts: dict[str, Any] = {}
-    for speed, several in sorted(by_speed.items(), reverse=True):
-        runs = {}
-        for each in sorted(several, key=lambda job: job.evaluation.manifest.seed if job.evaluation else 0):
-            assert each.evaluation is not None
-            short = ", short budget" if each.short else ""
-            runs[f"{speed:g} m/s, seed {each.evaluation.manifest.seed}{short}"] = [
-                each.numbers.get(name) for name in ROWS
-            ]
-        table = pd.DataFrame(runs, index=list(ROWS.values()), dtype=float)
-        parts |= {str(name): table[name] for name in table}
-        if len(runs) > 1:
-            parts |= {f"{speed:g} m/s, mean": table.mean(axis=1), f"{speed:g} m/s, deviation": table.std(axis=1)}
-    return pd.DataFrame(parts).rename_axis("measure").reset_index()
+        of = each.evaluation.settings
+        groups.setdefault((float(of["speed"]), float(of["teacher.speed"])), []).append(each)
+    table = {"mean (smallest to largest)": [label for label, _ in ROWS.values()]}
+    for (speed, taught), several in sorted(groups.items(), reverse=True):
+        seeds = len({each.evaluation.manifest.seed for each in several if each.evaluation})
+        title = f"{speed:g} m/s, {seeds} seed{'s' if seeds > 1 else ''}"
+        title += f", teacher of {taught:g} m/s" if taught != speed else ""
+        title += ", short budget" if any(each.short for each in several) else ""
+        table[title] = [spread(several, name, decimals) for name, (_, decimals) in ROWS.items()]
+    return pd.DataFrame(table)
+
+
+def spread(jobs: Sequence[JobResult], name: str, decimals: int) -> str:
+    """The mean of a number over jobs, and in brackets its smallest and largest value."""
+    values = pd.Series([each.numbers.get(name) for each in jobs], dtype=float)
+    mean, low, high = (fixed(float(value), decimals) for value in (values.mean(), values.min(), values.max()))
+    return f"{mean} ({low} to {high})" if values.count() > 1 else mean

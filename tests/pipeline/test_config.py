@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from contextlib import nullcontext
 from dataclasses import replace
@@ -9,6 +10,8 @@ from pathlib import Path
 
 import pytest
 from hydra import compose, initialize_config_dir
+from hydra._internal.config_loader_impl import ConfigLoaderImpl
+from hydra.core.global_hydra import GlobalHydra
 from omegaconf import OmegaConf
 
 from romgrl import config_docs, misfits
@@ -18,6 +21,7 @@ from romgrl.config import OPTIONAL_STAGES, STAGES, Config
 from romgrl.errors import ConfigurationError
 from romgrl.humanoid.human import human_spec
 from romgrl.misfits import validate
+from romgrl.sweep import note_sweep
 from romgrl.validation import schema_groups, schema_keys, value_of
 from tests.conftest import Composer
 from tests.pipeline.conftest import ROOT, Command
@@ -47,7 +51,7 @@ def test_every_choice_composes_and_is_valid(compose_config: Composer, choice: st
         assert section == name
 
 
-@pytest.mark.parametrize("name", ["paper", "eta", "noise", "speed", "discriminator", "teacher"])
+@pytest.mark.parametrize("name", ["paper", "walking", "eta", "noise", "speed", "discriminator", "teacher"])
 def test_stored_sweeps_compose(name: str, compose_config: Composer) -> None:
     compose_config()
     with initialize_config_dir(str(CONF), version_base="1.3"):
@@ -194,3 +198,14 @@ def test_stages_of_the_schema_are_those_of_the_graph() -> None:
 
     assert tuple(keys.STAGES) == STAGES + OPTIONAL_STAGES
     assert not any(set(keys.STAGES[stage].upstream) & set(OPTIONAL_STAGES) for stage in keys.STAGES)
+
+
+@pytest.mark.parametrize(("name", "teacher"), [("walking", "walking"), ("paper", "running"), ("teacher", "running")])
+def test_usual_budgets_are_those_of_the_groups_that_a_sweep_names(name: str, teacher: str, tmp_path: Path) -> None:
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        paths = GlobalHydra.instance().config_loader().get_search_path()
+        paths.prepend("stored", f"file://{ROOT}/sweeps")
+        note_sweep(tmp_path, name, [], ConfigLoaderImpl(paths))
+        chosen = compose("config", [f"teacher={teacher}"])
+    usual = json.loads((tmp_path / "sweep.json").read_text())["usual"]
+    assert usual == {f"{group}.total_steps": chosen[group].total_steps for group in ("teacher", "student")}
