@@ -36,6 +36,7 @@ def reused(job: Run) -> dict[str, str]:
     return dict(entry.split("=") for entry in job.data.tags.get("romgrl.reused_from", "").split())
 
 
+@pytest.mark.slow
 def test_sweep_counted_from_mlflow(command: Command, tmp_path: Path) -> None:
     result = command(*sweep(), "experiment=smoke", FAKE_SECONDS="0.05")
     assert result.returncode == 0, result.stderr

@@ -103,6 +103,7 @@ def test_a_stage_that_runs_alone_gets_all_threads(command: Command, tmp_path: Pa
     assert {training.threads for training in times(tmp_path / "outputs").values()} == {2}
 
 
+@pytest.mark.slow
 def test_every_stage_is_a_run_of_its_own(command: Command, tmp_path: Path) -> None:
     result = command(*TWO, FAKE_SECONDS="1")
     assert (result.returncode, result.stderr) == (0, "")
@@ -116,6 +117,7 @@ def test_every_stage_is_a_run_of_its_own(command: Command, tmp_path: Path) -> No
     assert named["baseline"].data.tags["threads"] == "1"
 
 
+@pytest.mark.slow
 def test_a_sweep_runs_stages_side_by_side(command: Command, tmp_path: Path) -> None:
     result = command("-m", *TWO, "tracking=none", "stage=evaluation", "speed=1,4")
     assert result.returncode == 0, result.stderr
@@ -201,6 +203,7 @@ def test_a_terminal_shows_a_bar_for_each(smoke_config: Config, monkeypatch: pyte
     assert {"teacher", "baseline"} in [set(frame) for frame in frames]
 
 
+@pytest.mark.slow
 def test_a_stage_makes_the_same_bits_beside_another(
     compose_config: Composer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
