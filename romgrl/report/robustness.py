@@ -18,10 +18,10 @@ TITLES = {
 }
 
 
-def fall_rates(table: pd.DataFrame, speed: float) -> Figure:
-    """Fall rate of each walker against the level of each disturbance, with its 95% interval as a band.
+def fall_rates(table: pd.DataFrame, speed: float, bands: str = "95% intervals") -> Figure:
+    """Fall rate of each walker against the level of each disturbance, with a band from `low` to `high`.
 
-    table: robustness.csv.
+    table: robustness.csv, or the same over seeds; bands: what they are.
     """
     figure = new_figure(10.0, 6.0)
     plots = list(figure.subplots(2, 3, sharey=True).flat)
@@ -32,7 +32,7 @@ def fall_rates(table: pd.DataFrame, speed: float) -> Figure:
         axes.yaxis.set_major_formatter(PercentFormatter(1.0))
     plots[-1].axis("off")
     plots[-1].legend(*plots[0].get_legend_handles_labels(), loc="center", frameon=False, fontsize=10)
-    trials = f"{table.trials.iloc[0]} trials per point, bands: 95% intervals"
+    trials = f"{table.trials.iloc[0]} trials per point, bands: {bands}"
     figure.suptitle(f"Falls under disturbances at {speed:g} m/s ({trials})", fontsize=12, x=0.01, ha="left", color=INK)
     return figure
 

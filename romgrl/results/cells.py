@@ -17,7 +17,7 @@ from romgrl.gait.features import CHANNELS
 from romgrl.results.finished import TEACHER, Catalogue, Evaluation, catalogue, read_evaluation
 from romgrl.results.statistics import improvement_interval, probability_of_improvement, summarize
 from romgrl.results.sweeps import JobEnd, Sweep, settings
-from romgrl.summary import result_metrics, with_falls
+from romgrl.summary import result_metrics, robustness_metrics, with_falls
 
 SEED = "seed"
 ERRORS = [f"{channel}/aligned" for channel in (*CHANNELS, "average")] + ["average/raw"]
@@ -76,6 +76,8 @@ def result(sweep: Sweep, job: list[str], outputs: Path, known: Catalogue) -> Job
         return JobResult(swept, end, {}, error=end.error.replace(f"{outputs}/", ""))
     places = {stage: located(outputs, Path(path)) for stage, path in end.artifacts.items()}
     try:
+        if "robustness" in places:
+            return JobResult(swept, end, robustness_metrics(places["robustness"]))
         if "evaluation" in places:
             evaluation = read_evaluation(places["evaluation"], known)
             short = short_budgets(evaluation.settings, sweep.usual)

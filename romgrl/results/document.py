@@ -15,7 +15,7 @@ from romgrl.report.tables import markdown
 from romgrl.results.cells import JobResult, results
 from romgrl.results.claims import claims_for, find, read_claims
 from romgrl.results.finished import Evaluation, codes
-from romgrl.results.joint import failures, joint_table, write_tables
+from romgrl.results.joint import failures, write_tables
 from romgrl.results.sweeps import Sweep, settings, sweeps
 from romgrl.results.verify import baseline_sheet, claims_sheet, counted, errors_sheet, warnings
 
@@ -69,17 +69,17 @@ def section(sweep: Sweep, jobs: list[JobResult], outputs: Path, directory: Path)
     prefix = f"{slug}_"
     for old in directory.glob(f"{prefix}*"):
         old.unlink()
-    cells, paths = write_tables(sweep, jobs, directory / ".new")
+    table, paths = write_tables(sweep, jobs, outputs, directory / ".new")
     for path in paths:
         path.replace(directory / f"{prefix}{path.name}")
     shutil.rmtree(directory / ".new")
     text = [f"## {sweep.title}", "", *(f"    {public(line)}" for line in sweep.command.splitlines()), ""]
-    text += [provenance(sweep, jobs), "", joint_table(cells), *failures(jobs), ""]
+    text += [provenance(sweep, jobs), "", *table, *failures(jobs), ""]
     if sweep.name in CLAIMED:
         text += claims(jobs, directory)
     for figure in sorted(directory.glob(f"{prefix}*.png")):
         text += [f"![{sweep.title}, {figure.stem.removeprefix(prefix)}](results/{figure.name})", ""]
-    links = [f"[{name}](results/{prefix}{name})" for name in ("jobs.csv", "cells.csv")]
+    links = [f"[{path.name}](results/{prefix}{path.name})" for path in paths if path.suffix == ".csv"]
     return [*text, proofs(jobs), f"All numbers: {', '.join(links)}.", ""]
 
 

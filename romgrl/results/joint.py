@@ -11,6 +11,7 @@ import pandas as pd
 from romgrl.report.tables import markdown
 from romgrl.results.cells import SEED, JobResult, cells_table, jobs_table, results
 from romgrl.results.cost import best_jobs, cost
+from romgrl.results.disturbances import write_disturbances
 from romgrl.results.sweeps import RESULTS, Sweep
 
 TABLE = "table.md"
@@ -38,22 +39,23 @@ def write_joint(sweep: Sweep, outputs: Path) -> Path:
     """Write everything that the jobs of a sweep say together; returns the directory."""
     directory = sweep.directory / RESULTS
     found = results(sweep, outputs)
-    cells, _ = write_tables(sweep, found, directory)
+    table, _ = write_tables(sweep, found, outputs, directory)
     command = ["Started by", "", f"    {sweep.command}", ""]
-    lines = [f"# {sweep.title}", "", joint_table(cells), *failures(found), "", *best_jobs(found), ""]
+    lines = [f"# {sweep.title}", "", *table, *failures(found), "", *best_jobs(found), ""]
     (directory / TABLE).write_text("\n".join([*lines, *cost(sweep, found, outputs), "", *command]))
     return directory
 
 
-def write_tables(sweep: Sweep, found: list[JobResult], directory: Path) -> tuple[pd.DataFrame, list[Path]]:
-    """jobs.csv, cells.csv and the figures; returns the cells and the paths, without those of PDFs."""
+def write_tables(sweep: Sweep, found: list[JobResult], outputs: Path, directory: Path) -> tuple[list[str], list[Path]]:
+    """CSV files and figures; returns the text of the main table, and the paths without those of PDFs."""
     directory.mkdir(parents=True, exist_ok=True)
     jobs, cells = jobs_table(found), cells_table(found)
     jobs.to_csv(directory / "jobs.csv", index=False)
     cells.to_csv(directory / "cells.csv", index=False)
     if set(cells.get("number", ())) & DRAWN:
         draw(cells, jobs, sweep.title, directory)
-    return cells, [path for path in sorted(directory.iterdir()) if path.suffix in (".csv", ".png")]
+    text = write_disturbances(found, outputs, directory) or [joint_table(cells)]
+    return text, [path for path in sorted(directory.iterdir()) if path.suffix in (".csv", ".png")]
 
 
 def draw(cells: pd.DataFrame, jobs: pd.DataFrame, title: str, directory: Path) -> None:

@@ -51,7 +51,9 @@ def test_every_choice_composes_and_is_valid(compose_config: Composer, choice: st
         assert section == name
 
 
-@pytest.mark.parametrize("name", ["paper", "walking", "eta", "noise", "speed", "discriminator", "teacher"])
+@pytest.mark.parametrize(
+    "name", ["paper", "walking", "eta", "noise", "speed", "discriminator", "robustness", "teacher"]
+)
 def test_stored_sweeps_compose(name: str, compose_config: Composer) -> None:
     compose_config()
     with initialize_config_dir(str(CONF), version_base="1.3"):

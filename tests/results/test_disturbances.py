@@ -1,0 +1,84 @@
+"""The robustness stages of a sweep together: means over seeds, the level that a student survives, curves, orbits."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from PIL import Image
+
+from romgrl.artifacts import write_manifest
+from romgrl.results.__main__ import main
+from romgrl.results.sweeps import SWEEP_VARIABLE, JobEnd, note_end, write_sweep
+
+RATES = {0: [0.0, 0.1, 0.9], 1: [0.0, 0.3, 1.0]}  # of the students of two seeds at three levels
+SHARES = {"mass": [0.8, 1.2], "friction": [0.8, 1.2]}
+MULTIPLIERS = {0: 0.4, 1: 1.1}
+
+
+def disturbed(directory: Path, seed: int) -> None:
+    """A robustness artifact: the baseline always falls, the student as RATES say, never from another mass or ground."""
+    directory.mkdir(parents=True)
+    pushes = [("push_forward", "N s/kg", level, rate) for level, rate in zip([0.0, 0.3, 0.6], RATES[seed], strict=True)]
+    others = [(name, "share", level, 0.0) for name, levels in SHARES.items() for level in levels]
+    rows = [
+        {"perturbation": name, "unit": unit, "level": level, "walker": walker, "trials": 100, "fall_rate": rate}
+        for name, unit, level, student in pushes + others
+        for walker, rate in (("student", student), ("baseline", 1.0))
+    ]
+    pd.DataFrame(rows).to_csv(directory / "robustness.csv", index=False)
+    value = MULTIPLIERS[seed]
+    orbit = {"rank": 1, "modulus": value, "low": value - 0.1, "high": value + 0.1}
+    pd.DataFrame([orbit]).to_csv(directory / "floquet.csv", index=False)
+    write_manifest(
+        directory,
+        stage="robustness",
+        key=directory.name,
+        config={"speed": 4.0},
+        inputs={},
+        versions={},
+        revision=None,
+        dirty=False,
+        seed=seed,
+        wall_time=1.0,
+    )
+
+
+@pytest.fixture
+def outputs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A sweep over two seeds whose jobs end with their robustness."""
+    monkeypatch.setenv(SWEEP_VARIABLE, "")
+    jobs = [[f"seed={seed}"] for seed in RATES]
+    write_sweep(
+        tmp_path / "sweeps" / "a", "robustness", "python -m romgrl", jobs, machine={"cores": 2}, started=1.0, usual={}
+    )
+    for seed, job in zip(RATES, jobs, strict=True):
+        disturbed(tmp_path / "artifacts" / "robustness" / str(seed), seed)
+        note_end(JobEnd(job, {"robustness": f"/elsewhere/robustness/{seed}"}))
+    return tmp_path
+
+
+def test_results_have_fall_rates_over_seeds(outputs: Path) -> None:
+    docs = outputs / "docs"
+    assert main([str(outputs), str(docs)]) == 0
+    table = pd.read_csv(docs / "results" / "robustness_fall_rates.csv").set_index(["perturbation", "level", "walker"])
+    row = table.loc[("push_forward", 0.3, "student")]
+    assert (row.trials, row.fall_rate, row.low, row.high) == (200, pytest.approx(0.2), 0.1, 0.3)
+    text = (docs / "results.md").read_text()
+    assert "| push forward | 0.3 | N s/kg | 20 % | 100 % |" in text  # at 0.6 most students fall
+    assert "| mass | 0.8 | share | 0 % | 100 % |" in text
+    assert "| mass | 1.2 | share | 0 % | 100 % |" in text
+    assert "Largest Floquet multiplier of the teachers: 0.75 (0.40 to 1.10); below 1, so stable, in 1 of 2." in text
+    assert "![robustness, fall_rates](results/robustness_fall_rates.png)" in text
+    with Image.open(docs / "results" / "robustness_fall_rates.png") as picture:
+        assert picture.width > 1000
+    jobs = pd.read_csv(docs / "results" / "robustness_jobs.csv").set_index("seed")
+    assert jobs.loc[1, "push_forward/0.3/student/fall_rate"] == 0.3
+
+
+def test_artifacts_that_are_gone_are_left_out(outputs: Path) -> None:
+    (outputs / "artifacts" / "robustness" / "1").rename(outputs / "moved")
+    assert main([str(outputs), str(outputs / "docs")]) == 0
+    table = pd.read_csv(outputs / "docs" / "results" / "robustness_fall_rates.csv")
+    assert set(table.trials) == {100}
