@@ -21,6 +21,7 @@ from romgrl.summary import result_metrics, robustness_metrics, with_falls
 
 SEED = "seed"
 ERRORS = [f"{channel}/aligned" for channel in (*CHANNELS, "average")] + ["average/raw"]
+BASELINE = "average/aligned/baseline"  # missing where too many of the baseline's episodes fell
 DISTANCES = ["mmd/all", "wasserstein/all", "dtw/all"]
 GAITS = (
     "falls_percent",
@@ -186,5 +187,6 @@ def improvement(several: list[JobResult], measure: str) -> dict[str, float]:
 
 def note(several: list[JobResult]) -> str:
     """What must stand beside the numbers of a cell."""
-    notes = ["one seed"] if len(several) == 1 else []
-    return ", ".join(notes + (["short budget"] if any(each.short for each in several) else []))
+    alone = any("baseline/falls_percent" in each.numbers and BASELINE not in each.numbers for each in several)
+    said = {"one seed": len(several) == 1, "short budget": any(each.short for each in several), "baseline falls": alone}
+    return ", ".join(text for text, true in said.items() if true)

@@ -13,12 +13,14 @@ from romgrl.report.tables import markdown
 from romgrl.results.cells import SEED, JobResult
 from romgrl.results.finished import LINEAGE
 from romgrl.results.sweeps import Sweep
+from romgrl.results.verify import short
 from romgrl.summary import run_link
 
 BEST = 5
-RANKED = "average/aligned/reduction_percent"
+REDUCTION, ERROR = "average/aligned/reduction_percent", "average/aligned/student"
 SHOWN = {
-    RANKED: "reduction [%]",
+    REDUCTION: "reduction [%]",
+    ERROR: "error, ROM-GRL [m²]",
     "weakest/aligned/reduction_percent": "weakest channel [%]",
     "student/falls_percent": "falls [%]",
     "student/steady_speed_m_per_s": "speed [m/s]",
@@ -26,13 +28,15 @@ SHOWN = {
 
 
 def best_jobs(found: Sequence[JobResult]) -> list[str]:
-    """The jobs with the largest reduction of the aligned error, each with a link to the run of its evaluation."""
-    ranked = [each for each in found if each.evaluation and math.isfinite(each.numbers.get(RANKED, math.nan))]
-    ranked.sort(key=lambda each: -each.numbers[RANKED])
+    """The jobs with the largest reduction of the aligned error, or the smallest error where no job has a baseline to
+    compare it with; each with a link to the run of its evaluation."""
+    by, sign = (REDUCTION, -1) if any(REDUCTION in each.numbers for each in found) else (ERROR, 1)
+    ranked = [each for each in found if each.evaluation and math.isfinite(each.numbers.get(by, math.nan))]
+    ranked.sort(key=lambda each: sign * each.numbers[by])
     rows = []
     for each in ranked[:BEST]:
         manifest = each.evaluation.manifest if each.evaluation else None
-        numbers = {label: f"{each.numbers.get(name, math.nan):.3g}" for name, label in SHOWN.items()}
+        numbers = {label: short(each.numbers.get(name, math.nan)) for name, label in SHOWN.items()}
         seed = {} if manifest is None or SEED in each.swept else {SEED: manifest.seed}
         run = run_link(manifest.key, manifest.run_id) if manifest else ""
         rows.append({**each.swept, **seed, **numbers, "evaluation": run})

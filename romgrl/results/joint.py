@@ -32,7 +32,7 @@ TEACHER_COLUMNS = {
     "teacher/duty_factor": "duty factor",
     "teacher/pelvis_excursion_m": "excursion [m]",
 }
-DRAWN = {"average/aligned/reduction_percent", "teacher/falls_percent"}
+DRAWN = {"student/falls_percent", "teacher/falls_percent"}
 
 
 def write_joint(sweep: Sweep, outputs: Path) -> Path:
@@ -72,7 +72,7 @@ def joint_table(cells: pd.DataFrame) -> str:
     if cells.empty:
         return "No job has numbers to compare.\n"
     keys = [name for name in cells.columns[: list(cells.columns).index("number")] if name != SEED]
-    columns = COLUMNS if "average/raw/reduction_percent" in set(cells["number"]) else TEACHER_COLUMNS
+    columns = COLUMNS if "student/falls_percent" in set(cells["number"]) else TEACHER_COLUMNS
     rows = []
     for values, cell in cells.groupby(keys, sort=False) if keys else [((), cells)]:
         by_number = cell.set_index("number")

@@ -15,6 +15,8 @@ from matplotlib.figure import Figure
 from romgrl.report.style import BASELINE, INK, STUDENT, TEACHER, dress, new_figure
 from romgrl.results.cells import SEED
 
+Keys = tuple[str, ...]
+
 PANELS = {
     "reduction of the aligned error [%]": {"average": "average/aligned/reduction_percent"},
     "reduction of the weakest channel [%]": {"weakest": "weakest/aligned/reduction_percent"},
@@ -26,7 +28,9 @@ PANELS = {
         "student": "student/stride_frequency_hz",
         "baseline": "baseline/stride_frequency_hz",
     },
-}
+    "distance from the teacher (MMD)": {"student": "mmd/all/student", "baseline": "mmd/all/baseline"},
+    "trunk lean [deg]": {"student": "student/trunk_lean_deg", "baseline": "baseline/trunk_lean_deg"},
+}  # of those with numbers the first six are drawn
 TEACHER_PANELS = {
     "episodes with a fall [%]": {"teacher": "teacher/falls_percent"},
     "speed after 2 s [m/s]": {"teacher": "teacher/steady_speed_m_per_s"},
@@ -35,12 +39,17 @@ TEACHER_PANELS = {
     "excursion of the body [m]": {"teacher": "teacher/pelvis_excursion_m"},
     "symmetry": {"teacher": "teacher/left_right_symmetry"},
 }
-MAPS = ("average/aligned/reduction_percent", "weakest/aligned/reduction_percent", "student/falls_percent")
-TEACHER_MAPS = ("teacher/falls_percent", "teacher/speed_error_percent", "teacher/duty_factor")
+MAPS: Keys = (
+    "average/aligned/reduction_percent",
+    "weakest/aligned/reduction_percent",
+    "student/falls_percent",
+    "average/aligned/student",
+    "student/steady_speed_m_per_s",
+)  # of those with numbers the first three
+TEACHER_MAPS: Keys = ("teacher/falls_percent", "teacher/speed_error_percent", "teacher/duty_factor")
 COLORS = {"student": STUDENT, "baseline": BASELINE, "teacher": TEACHER, "average": STUDENT, "weakest": STUDENT}
 LINES = {"student": "-", "average": "-", "weakest": "-", "baseline": "--", "teacher": ":"}
 MOST_LINES = 6  # of combinations of the other keys in one panel; of more, only points are drawn
-Keys = tuple[str, ...]
 
 
 def figures(cells: pd.DataFrame, jobs: pd.DataFrame, title: str) -> dict[str, Figure]:
@@ -48,8 +57,10 @@ def figures(cells: pd.DataFrame, jobs: pd.DataFrame, title: str) -> dict[str, Fi
     if cells.empty:
         return {}
     keys = [name for name in cells.columns[: list(cells.columns).index("number")] if name != SEED]
-    students = "average/aligned/reduction_percent" in set(cells["number"])
-    panels, maps = (PANELS, MAPS) if students else (TEACHER_PANELS, TEACHER_MAPS)
+    numbers = set(cells["number"])
+    wanted, mapped = (PANELS, MAPS) if "student/falls_percent" in numbers else (TEACHER_PANELS, TEACHER_MAPS)
+    panels = dict([(label, of) for label, of in wanted.items() if numbers & {*of.values()}][: len(TEACHER_PANELS)])
+    maps = tuple(measure for measure in mapped if measure in numbers)[: len(TEACHER_MAPS)]
     found = {f"by_{plain(key)}": against(key, keys, cells, jobs, panels, title) for key in keys}
     for pair in combinations(keys, 2):
         found[f"map_{plain(pair[0])}_{plain(pair[1])}"] = heat_maps(pair, cells, maps, title)
@@ -81,7 +92,7 @@ def against(
     others = [name for name in keys if name != key]
     values = ordered(cells[key])
     places = dict(zip(values, map(float, values) if numeric(cells[key]) else range(len(values)), strict=True))
-    found = list(cells[others].drop_duplicates().itertuples(index=False, name=None))
+    found = list(dict.fromkeys(cells[others].itertuples(index=False, name=None)))
     lines: list[Keys] = found if len(found) <= MOST_LINES else [()]
     for axes, (label, measures) in zip(plots, panels.items(), strict=False):
         dress(axes, title=label, xlabel=key)

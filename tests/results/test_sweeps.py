@@ -38,7 +38,9 @@ def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(SWEEP_VARIABLE, "")
 
 
-def swept(outputs: Path, config: Config, values: dict[str, list[str]], fail: str = "none") -> Sweep:
+def swept(
+    outputs: Path, config: Config, values: dict[str, list[str]], fail: str = "none", baseline: float = 0.1
+) -> Sweep:
     """A sweep of finished jobs; the one with the overrides `fail` failed, and one that begins so did not end."""
     jobs = [[f"{k}={v}" for k, v in zip(values, each, strict=True)] for each in product(*values.values())]
     directory = outputs / "sweeps" / "2030-01-01"
@@ -50,7 +52,7 @@ def swept(outputs: Path, config: Config, values: dict[str, list[str]], fail: str
             note_end(JobEnd(job, error="student: loss = nan at step 7", seconds=3.0))
         elif not " ".join(job).startswith(f"{fail} but lost"):
             student = 0.01 + 0.02 * own.eta + 0.001 * own.seed
-            evaluation = finish(outputs, own, student=student, baseline=0.1 + 0.01 * own.seed)
+            evaluation = finish(outputs, own, student=student, baseline=baseline + 0.01 * own.seed)
             note_end(JobEnd([*job, "threads=1"], {"evaluation": f"/elsewhere/evaluation/{evaluation.name}"}))
     return read_sweep(directory)
 
@@ -172,7 +174,7 @@ def test_best_jobs_cost_and_reuse(default_config: Config, tmp_path: Path) -> Non
     sweep = swept(tmp_path, default_config, {"eta": ["0.3", "0.7"], "seed": ["0", "1"]})
     text = (write_joint(sweep, tmp_path) / "table.md").read_text()
     best = text.partition("## Best jobs")[2].splitlines()[4]
-    assert best.startswith("| 0.3 | 1 | 84.5 | 84.5 | 0 | 4 | ")  # 1 - 0.017 / 0.11
+    assert best.startswith("| 0.3 | 1 | 84.5 | 0.017 | 84.5 | 0 | 4 | ")  # 1 - 0.017 / 0.11
     rows = {row[1]: row[2:7] for line in text.splitlines() if len(row := [x.strip() for x in line.split("|")]) == 8}
     assert rows["teacher"] == ["4", "2", "0", "2.0", "2.0"]  # of each seed one, for two jobs
     assert rows["student"] == ["4", "4", "0", "4.0", "0.0"]
@@ -181,3 +183,18 @@ def test_best_jobs_cost_and_reuse(default_config: Config, tmp_path: Path) -> Non
         os.utime(path, (0.0, 0.0))  # older than the sweep
     text = (write_joint(sweep, tmp_path) / "table.md").read_text()
     assert "12.0 minutes of training and measuring, one stage after the other; 8.0 more were saved." in text
+
+
+def test_students_without_a_baseline_are_told_by_their_errors(default_config: Config, tmp_path: Path) -> None:
+    sweep = swept(tmp_path, default_config, {"eta": ["0.3", "0.7"]}, baseline=math.nan)
+    text = (write_joint(sweep, tmp_path) / "table.md").read_text()
+    row = next(line for line in text.splitlines() if line.startswith("| 0.7 |"))
+    assert [cell.strip() for cell in row.split("|")][2:5] == ["-", "-", "0.024"]
+    assert row.endswith("| one seed, baseline falls |")
+    assert text.partition("## Best jobs")[2].splitlines()[4].startswith("| 0.3 | 0 | - | 0.016 |")
+    cells = pd.read_csv(tmp_path / "sweeps" / "2030-01-01" / "results" / "cells.csv")
+    drawn = figures(cells.astype({"eta": str}), jobs_table(results(sweep, tmp_path)), "eta")["by_eta"]
+    titles = [axes.get_title(loc="left") for axes in drawn.axes]
+    assert "aligned error, average [m²]" in titles
+    assert not any("reduction" in title for title in titles)
+    assert "combinations" not in drawn.get_suptitle()
