@@ -100,7 +100,7 @@ def against(
             chosen = dict(zip(others, line, strict=False))
             several = len(lines) > 1
             color = colormaps["viridis"](index / (len(lines) - 1) * 0.85) if several else COLORS[who]
-            style = LINES[who] if len(lines) == len(found) else ""
+            style = LINES[who] if len(lines) == len(found) and numeric(cells[key]) else ""
             offset = (index - (len(lines) - 1) / 2) * 0.012 * spread([*places.values()])
             name = ", ".join(f"{other}={value}" for other, value in chosen.items()) if several else who
             name = name if axes is plots[0] or not several else ""
