@@ -13,8 +13,8 @@ TEXT = """romgrl: a humanoid learns to walk and run from a reduced-order model, 
   python -m romgrl --config-dir sweeps --config-name paper    a stored sweep
 
 Keys:
-  stage      all, teacher, reference, student, baseline, evaluation or report; robustness tries the walkers' balance;
-             verify compares what is finished with the paper, sync sends MLflow what is left
+  stage      all, teacher, reference, student, baseline, evaluation or report; robustness tries the walkers' balance,
+             watch plays one of them, verify compares what is finished with the paper, sync sends MLflow what is left
   speed      target speed of student and baseline in m/s
   eta        weight of the task reward; 1 - eta weighs imitation
   noise      standard deviation of the noise on the discriminator's features
