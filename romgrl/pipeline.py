@@ -20,9 +20,9 @@ from romgrl.keys import STAGES, plan, share_threads
 from romgrl.misfits import validate
 from romgrl.pretrained import require_shipped
 from romgrl.progress import make_bars, make_console
-from romgrl.recorder import SYSTEM_METRICS, open_recorder, sync, ui_command
-from romgrl.summary import TRAINING_MINUTES, headline, result_metrics, result_tables, robustness_metrics
-from romgrl.titles import job_note, job_title, jobs_address
+from romgrl.recorder import SYSTEM_METRICS, jobs_address, open_recorder, sync, ui_command
+from romgrl.summary import HEADLINE, TRAINING_MINUTES, headline, result_metrics, result_tables, robustness_metrics
+from romgrl.titles import job_note, job_title
 from romgrl.watching import watch
 from romgrl.worker import Worker, execute
 
@@ -92,7 +92,7 @@ def run(
     if tracking.enabled:
         job.say(f"compare runs: {ui_command(recorder.uri)}")
         if recorder.experiment_id is not None:
-            job.say(f"jobs, best first: {jobs_address(redacted(recorder.uri), recorder.experiment_id)}")
+            job.say(f"jobs, best first: {jobs_address(recorder.uri, recorder.experiment_id, next(iter(HEADLINE)))}")
     return job.finished
 
 

@@ -25,6 +25,7 @@ LOCAL = "local:"  # before the id of a run that MLflow has not named yet
 NOTE = "mlflow.note.content"  # the tag of a description, which the UI shows as Markdown
 SYSTEM_METRICS = "romgrl.system_metrics"  # the tag of a run that gets the load of its machine
 UI_ADDRESS = "http://127.0.0.1:5000"  # of the command of `ui_command`
+JOBS = "workflowType=machine_learning&searchFilter=tags.stage%3D%22job%22&orderByAsc=false"
 LOG = "tracking.log"  # beside the journals: what the process of MLflow would print
 
 
@@ -40,6 +41,16 @@ def ui_command(uri: str) -> str:
     beside_python = Path(sys.executable).with_name("mlflow")
     program = "mlflow" if shutil.which("mlflow") or not beside_python.exists() else shlex.quote(str(beside_python))
     return f"{program} ui --backend-store-uri {shlex.quote(redacted(uri))} --host 127.0.0.1"
+
+
+def jobs_address(uri: str, experiment_id: str, best: str) -> str:
+    """Where MLflow's UI lists the jobs of an experiment, the one with the most of the metric `best` first.
+
+    Only by a metric: sorted by time they hide below their sweeps. Without the type of workflow the UI opens the traces
+    of language models.
+    """
+    start = redacted(uri).rstrip("/") if uri.startswith("http") else UI_ADDRESS
+    return f"{start}/#/experiments/{experiment_id}/runs?{JOBS}&orderByKey=metrics.%60{best}%60"
 
 
 def now() -> int:

@@ -8,9 +8,8 @@ from romgrl.artifacts import Manifest
 from romgrl.config import Config
 from romgrl.keys import STAGES, stage_config, upstream_of
 from romgrl.progress import format_duration
-from romgrl.recorder import UI_ADDRESS
 from romgrl.results.sweeps import settings
-from romgrl.summary import HEADLINE, run_link
+from romgrl.summary import run_link
 from romgrl.validation import value_of
 
 KNOBS = {"speed": "v", "eta": "eta", "noise": "noise", "seed": "s"}
@@ -18,7 +17,6 @@ WALKING_KNOBS = {"speed": "v", "seed": "s"}
 TEACHING_KNOBS = {"teacher.speed": "v", "seed": "s"}
 SHOWN = {"teacher": TEACHING_KNOBS, "reference": TEACHING_KNOBS, "baseline": WALKING_KNOBS}
 Overrides = Sequence[str]
-JOBS = "workflowType=machine_learning&searchFilter=tags.stage%3D%22job%22&orderByAsc=false"
 
 
 def stage_title(stage: str, config: Config, overrides: Overrides) -> str:
@@ -36,16 +34,6 @@ def stage_title(stage: str, config: Config, overrides: Overrides) -> str:
 def job_title(name: str, config: Config, overrides: Overrides) -> str:
     """`job v=4 eta=0.5 noise=0.05 s=0` and what else was chosen; `name` where the job was given one."""
     return joined(name if "=" not in name else "job", KNOBS, config, settings(overrides))
-
-
-def jobs_address(uri: str, experiment_id: str) -> str:
-    """Where MLflow's UI lists the jobs of an experiment, the best first.
-
-    Only by a metric: sorted by time they hide below their sweeps. Without the type of workflow the UI opens the traces
-    of language models.
-    """
-    start = uri.rstrip("/") if uri.startswith("http") else UI_ADDRESS
-    return f"{start}/#/experiments/{experiment_id}/runs?{JOBS}&orderByKey=metrics.%60{next(iter(HEADLINE))}%60"
 
 
 def joined(first: str, knobs: Mapping[str, str], config: Config, chosen: Mapping[str, str]) -> str:

@@ -62,7 +62,7 @@ ALLOWED = {
     "titles": {"artifacts", "config", "keys", "progress", "results", "summary", "validation"},
     "journal": set(),
     "recorder": {"errors", "journal", "tracking_process"},
-    "tracking": {"artifacts", "errors", "journal", "recorder"},
+    "tracking": {"artifacts", "errors", "journal", "recorder", "summary"},
     "remote": {"artifacts", "errors", "recorder"},
     "tracking_process": set(),
     "pipeline": {

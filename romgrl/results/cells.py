@@ -62,6 +62,11 @@ class JobResult:
         return tuple(value for key, value in self.swept.items() if key != SEED)
 
 
+def of_students(cells: pd.DataFrame) -> bool:
+    """Tell whether cells have numbers of students; those of a sweep over teachers have none."""
+    return bool(cells["number"].str.contains("student/|reduction_percent").any())
+
+
 def results(sweep: Sweep, outputs: Path) -> list[JobResult]:
     """Every job of a sweep."""
     known = catalogue(outputs)

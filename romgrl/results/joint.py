@@ -9,7 +9,7 @@ from typing import Any
 import pandas as pd
 
 from romgrl.report.tables import markdown
-from romgrl.results.cells import SEED, JobResult, cells_table, jobs_table, results
+from romgrl.results.cells import SEED, JobResult, cells_table, jobs_table, of_students, results
 from romgrl.results.cost import best_jobs, cost
 from romgrl.results.disturbances import write_disturbances
 from romgrl.results.sweeps import RESULTS, Sweep
@@ -72,7 +72,7 @@ def joint_table(cells: pd.DataFrame) -> str:
     if cells.empty:
         return "No job has numbers to compare.\n"
     keys = [name for name in cells.columns[: list(cells.columns).index("number")] if name != SEED]
-    columns = COLUMNS if "student/falls_percent" in set(cells["number"]) else TEACHER_COLUMNS
+    columns = COLUMNS if of_students(cells) else TEACHER_COLUMNS
     rows = []
     for values, cell in cells.groupby(keys, sort=False) if keys else [((), cells)]:
         by_number = cell.set_index("number")

@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from romgrl.report.style import BASELINE, INK, STUDENT, TEACHER, dress, new_figure
-from romgrl.results.cells import SEED
+from romgrl.results.cells import SEED, of_students
 
 Keys = tuple[str, ...]
 
@@ -58,7 +58,7 @@ def figures(cells: pd.DataFrame, jobs: pd.DataFrame, title: str) -> dict[str, Fi
         return {}
     keys = [name for name in cells.columns[: list(cells.columns).index("number")] if name != SEED]
     numbers = set(cells["number"])
-    wanted, mapped = (PANELS, MAPS) if "student/falls_percent" in numbers else (TEACHER_PANELS, TEACHER_MAPS)
+    wanted, mapped = (PANELS, MAPS) if of_students(cells) else (TEACHER_PANELS, TEACHER_MAPS)
     panels = dict([(label, of) for label, of in wanted.items() if numbers & {*of.values()}][: len(TEACHER_PANELS)])
     maps = tuple(measure for measure in mapped if measure in numbers)[: len(TEACHER_MAPS)]
     found = {f"by_{plain(key)}": against(key, keys, cells, jobs, panels, title) for key in keys}

@@ -80,7 +80,12 @@ def test_a_stage_on_a_bad_disk_leaves_what_was_there(smoke_config: Config, tmp_p
 
 @pytest.mark.parametrize(
     ("name", "share", "kind"),
-    [("teacher", 0.5, "full"), ("teacher", 0.8, "read-only"), ("student", 0.3, "read-only"), ("student", 0.8, "full")],
+    [
+        ("teacher", 0.5, "full"),
+        ("teacher", 0.8, "read-only"),
+        pytest.param("student", 0.3, "read-only", marks=pytest.mark.slow),
+        ("student", 0.8, "full"),
+    ],
 )
 def test_a_training_on_a_bad_disk_keeps_its_checkpoint(
     name: str, share: float, kind: str, compose_config: Composer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

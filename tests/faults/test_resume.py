@@ -49,6 +49,7 @@ def test_resume_is_bit_exact(
     print(f"{name}: cut at {sorted(cuts)} of {TOTAL[name]}: {equal} of {count} end with the same bits")
 
 
+@pytest.mark.slow
 def test_a_student_with_another_discriminator_goes_on_bit_exactly(
     compose_config: Composer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -108,6 +109,7 @@ def test_what_is_told_again_is_kept() -> None:
     assert told["fall_share"] == again["fall_share"]
 
 
+@pytest.mark.slow
 def test_columns_of_the_curve_do_not_depend_on_a_cut(
     compose_config: Composer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -234,6 +234,7 @@ VARIANTS = (
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("variant", VARIANTS, ids=lambda variant: variant[0].removeprefix("discriminator."))
 def test_every_variant_trains(
     variant: tuple[str, ...], configuration: Composer, reference: Path, tmp_path: Path
