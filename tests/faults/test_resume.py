@@ -22,7 +22,7 @@ from tests.conftest import Composer
 from tests.faults.trainings import TOTAL, Recorder, digest, files, train, training
 
 
-@pytest.mark.parametrize("count", [3, pytest.param(10, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [2, pytest.param(10, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("name", ["teacher", "student"])
 def test_resume_is_bit_exact(
     name: str, count: int, compose_config: Composer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

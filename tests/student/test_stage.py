@@ -65,6 +65,7 @@ def weights(config: Config, inputs: dict[str, Path], output: Path) -> dict[str, 
     return load_tensors(output / "policy.safetensors")[0]
 
 
+@pytest.mark.slow
 def test_same_seed_gives_the_same_weights_after_5000_steps(
     configuration: Composer, reference: Path, tmp_path: Path
 ) -> None:
@@ -131,6 +132,7 @@ def test_running_normalizer_equals_the_moments_of_all_it_saw() -> None:
     np.testing.assert_allclose(standardised.std(0, correction=0), 1, rtol=1e-4)
 
 
+@pytest.mark.slow
 def test_the_moment_the_discriminator_stops_is_logged(configuration: Composer, reference: Path, tmp_path: Path) -> None:
     log = SilentLog()
     still = ["discriminator.patience=2", "discriminator.learning_rate=1e-30", "student.updates_per_step=0.3"]
@@ -190,6 +192,7 @@ def stored_on_one_thread() -> dict[str, torch.Tensor]:
     return {}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("threads", [1, 2])
 def test_a_stored_reward_is_what_the_discriminator_said_when_the_step_was_taken(
     threads: int,
