@@ -13,7 +13,12 @@ CORE_TESTS := tests/rom tests/humanoid tests/teacher tests/student tests/gait te
 ARGS ?=
 OUTPUTS ?= outputs
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
-export PIP_CONSTRAINT := $(CURDIR)/constraints.txt
+# A relative path: pip splits the variable at blanks, and the directory of the clone may have one in its name.
+export PIP_CONSTRAINT := constraints.txt
+export PIP_BUILD_CONSTRAINT := constraints.txt
+
+# The last line of a step that failed: which one it was, and what to do.
+failed = echo "make: $(1) failed: $(2); then run the same command again" >&2; exit 1
 
 .DEFAULT_GOAL := help
 .PHONY: help install run test test-slow test-faults test-sanitizers test-browser bench peers preview lint format types docs pretrained clean
@@ -86,10 +91,17 @@ clean: ## remove what was built (results under outputs/ stay)
 	rm -rf $(VENV) build $(PEERS)
 
 $(BIN)/python:
+	@echo "1/4 System packages: a C++ compiler, Box2D, off-screen OpenGL, Python's headers and venv"
 	@PYTHON=$(PYTHON) .ci/system-packages
-	$(PYTHON) -m venv $(VENV)
+	@echo "2/4 Virtual environment in $(VENV)"
+	@$(PYTHON) -m venv $(VENV) || { $(call failed,the virtual environment,install the venv package of $(PYTHON) or name another Python: make PYTHON=python3.12); }
 
 $(PACKAGE): $(BIN)/python pyproject.toml constraints.txt $(wildcard cpp/*)
-	$(BIN)/python -m pip install --quiet scikit-build-core pybind11 cmake ninja
-	$(BIN)/python -m pip install --quiet --no-build-isolation --editable '.[dev]'
+	@echo "3/4 Libraries of constraints.txt (MuJoCo, torch, MLflow ...; a minute or more)"
+	@$(BIN)/python .ci/requirements.py dev | $(BIN)/python -m pip install --quiet --requirement /dev/stdin || \
+		{ $(call failed,the installation of the libraries,see what pip says above; a proxy is named in HTTPS_PROXY and a mirror in PIP_INDEX_URL); }
+	@echo "4/4 romgrl itself: compiles its C++ (half a minute)"
+	@$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable . || \
+		{ $(call failed,the build of romgrl,see the compiler's words above); }
 	@touch $@
+	@echo "romgrl is installed in $(VENV)"
