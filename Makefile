@@ -51,8 +51,9 @@ test-sanitizers: $(SANITIZED)/.built ## run the tests that use the C++ core with
 	$(BIN)/python -m pytest -n auto --timeout 1200 $(CORE_TESTS) $(ARGS)
 
 $(SANITIZED)/.built: $(PACKAGE)
-	$(BIN)/cmake -S cpp -B $(@D) -G Ninja -DCMAKE_MAKE_PROGRAM=$(abspath $(BIN))/ninja -DROMGRL_SANITIZE=address,undefined \
-		-DPython_EXECUTABLE=$(abspath $(BIN))/python -Dpybind11_DIR=$$($(BIN)/python -m pybind11 --cmakedir)
+	$(BIN)/cmake -S cpp -B $(@D) -G Ninja -DCMAKE_MAKE_PROGRAM="$$(realpath -s $(BIN)/ninja)" \
+		-DROMGRL_SANITIZE=address,undefined -DPython_EXECUTABLE="$$(realpath -s $(BIN)/python)" \
+		-Dpybind11_DIR="$$($(BIN)/python -m pybind11 --cmakedir)"
 	$(BIN)/cmake --build $(@D)
 	@touch $@
 
@@ -65,7 +66,7 @@ peers: $(PACKAGE) ## build the environments of the peers that `make bench` compa
 $(PEERS)/%/.built: benchmarks/peers/%.txt
 	rm -rf $(@D)
 	$(PYTHON) -m venv $(@D)
-	echo "import site; site.addsitedir('$(SITE)')" > $$($(@D)/bin/python -c "import site; print(site.getsitepackages()[0])")/_project.pth
+	echo "import site; site.addsitedir('$(SITE)')" > "$$($(@D)/bin/python -c "import site; print(site.getsitepackages()[0])")/_project.pth"
 	PIP_CONSTRAINT= $(@D)/bin/python -m pip install --quiet --no-deps --ignore-requires-python --requirement $<
 	@touch $@
 
