@@ -9,7 +9,7 @@ PROJECT = Path(__file__).resolve().parents[1] / "pyproject.toml"
 
 
 def main() -> None:
-    """Requirements of the build, of the package and of the extras named on the command line, those they name included."""
+    """Requirements of the build, of the package and of the named extras, with those that these name."""
     document = tomllib.loads(PROJECT.read_text(encoding="utf-8"))
     project = document["project"]
     waiting = [*document["build-system"]["requires"], "cmake", "ninja", *project["dependencies"]]
