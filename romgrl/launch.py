@@ -19,6 +19,7 @@ from rich.console import Console
 
 from romgrl import interruption, pipeline
 from romgrl.config import Config
+from romgrl.display import protect
 from romgrl.errors import LaunchError, RomgrlError
 from romgrl.results.sweeps import JobEnd, note_end, position
 
@@ -69,10 +70,11 @@ class Launch:
 
     @contextmanager
     def running(self) -> Iterator[None]:
-        """Let `stop` reach this process while the block runs; Ctrl-C of the terminal comes to the sweep, too."""
+        """Let `stop` reach this process while the block runs; what the terminal sends comes to the sweep, too."""
         path = Path(self.directory, f"{os.getpid()}{RUNNING}")
-        interruption.leave(signal.SIGINT)
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        for number in (signal.SIGINT, signal.SIGHUP):
+            interruption.leave(number)
+            signal.signal(number, signal.SIG_IGN)
         interruption.listen()
         try:
             path.touch()
@@ -97,6 +99,11 @@ class Labelled(io.StringIO):
         super().__init__()
         self._stream, self._label = stream, label
 
+    @property
+    def encoding(self) -> str:  # type: ignore[override]  # rich draws what it has letters for
+        """That of the stream."""
+        return self._stream.encoding
+
     def write(self, text: str) -> int:
         """Write whole lines at once."""
         self._stream.write("".join(f"[{self._label}] {line}\n" for line in text.splitlines()))
@@ -109,6 +116,7 @@ class Labelled(io.StringIO):
 
 def run_job(config: Config, overrides: Sequence[str]) -> None:
     """Run a job, named by its overrides. Raises RomgrlError; where a launcher put it, that is left with the sweep."""
+    protect()  # a launcher's process has come here without `main`
     own = [text for text in overrides if not text.lstrip("+").startswith("hydra")]
     name = " ".join(own) or "job"
     launch, parent, place = announced(), os.environ.get(PARENT_VARIABLE), position(own)
