@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from types import FrameType
 
 SIGNALS: tuple[signal.Signals, ...] = (signal.SIGINT, signal.SIGTERM, signal.SIGUSR2, signal.SIGHUP)
-"""Ctrl-C, a scheduler's end, a scheduler's warning, and a terminal that is gone; the last unless nohup has it ignored."""
+"""Ctrl-C, a scheduler's end, a scheduler's warning, a closed terminal; without the last where nohup has it ignored."""
 if signal.getsignal(signal.SIGHUP) == signal.SIG_IGN:
     SIGNALS = SIGNALS[:-1]
 

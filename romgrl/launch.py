@@ -51,14 +51,15 @@ class Launch:
     def failures(self) -> list[tuple[str, int]]:
         """One line and one exit code for each job that failed."""
         path = Path(self.directory, FAILURES)
-        documents = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
+        lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
+        documents = [json.loads(line) for line in lines]
         return [(document["text"], document["exit_code"]) for document in documents]
 
     def leave(self, text: str, exit_code: int) -> None:
         """Let the sweep know that a job failed."""
         if self.launcher == SHARES_TERMINAL:
             print(text, file=sys.stderr, flush=True)
-        with Path(self.directory, FAILURES).open("a") as file:
+        with Path(self.directory, FAILURES).open("a", encoding="utf-8") as file:
             file.write(json.dumps({"text": text, "exit_code": exit_code}) + "\n")
 
     def stop(self) -> None:

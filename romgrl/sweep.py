@@ -158,7 +158,7 @@ class SweepCallback(Callback):
             print(f"sweep: no tables and figures: {error}", file=sys.stderr)
             return [getattr(error, "exit_code", StorageError.exit_code)]
         self._run.artifacts(directory)
-        self._run.describe((directory / TABLE).read_text())
+        self._run.describe((directory / TABLE).read_text(encoding="utf-8"))
         print(f"sweep: tables and figures of all jobs: {directory}", flush=True)
         return []
 
