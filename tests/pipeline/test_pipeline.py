@@ -129,7 +129,7 @@ def test_exit_codes(command: Command, fault: str, code: int) -> None:
     assert result.stderr == ("teacher: loss = nan at step 7\n" if code == 4 else "")
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_signals(tmp_path: Path, number: signal.Signals) -> None:
     """What a terminal and a scheduler send: the stage stops at once, its directory is kept, no traceback."""
     arguments = ("experiment=smoke", "stage=teacher", "tracking=none", f"paths.outputs={tmp_path}/outputs")

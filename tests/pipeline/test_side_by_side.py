@@ -166,7 +166,7 @@ def children(process: int) -> list[int]:
     return [int(line.split()[0]) for line in listed.stdout.splitlines() if "romgrl.worker" in line]
 
 
-@pytest.mark.parametrize(("number", "to_all"), [(signal.SIGINT, False), (signal.SIGTERM, True)])
+@pytest.mark.parametrize(("number", "to_all"), [(signal.SIGINT, False), (signal.SIGTERM, True), (signal.SIGHUP, False)])
 def test_signals_end_both_in_good_order(tmp_path: Path, number: signal.Signals, to_all: bool) -> None:
     """A terminal signals the job, a scheduler every process; checkpoints of both stages are kept."""
     outputs = tmp_path / "outputs"
