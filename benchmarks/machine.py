@@ -14,7 +14,7 @@ from romgrl.provenance import git_state, versions
 def processor() -> str:
     """Name of the processor as Linux tells it, else as Python does."""
     try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:
         lines = []
     names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]

@@ -17,7 +17,7 @@ Row = dict[str, Any]
 
 def load(path: Path = RESULTS) -> list[Row]:
     """Rows of earlier runs; none where there is no file."""
-    rows: list[Row] = json.loads(path.read_text()) if path.exists() else []
+    rows: list[Row] = json.loads(path.read_text(encoding="utf-8")) if path.exists() else []
     return rows
 
 
@@ -29,7 +29,7 @@ def merge(old: Sequence[Row], new: Sequence[Row], order: Sequence[str]) -> list[
 
 def write(rows: Sequence[Row], path: Path = RESULTS) -> None:
     """One row a paragraph, so that a difference of two files reads well."""
-    path.write_text(json.dumps(rows, indent=1, ensure_ascii=False) + "\n")
+    path.write_text(json.dumps(rows, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
 def number(value: float | None, unit: str = "") -> str:
@@ -97,4 +97,4 @@ def document(text: str, rows: Sequence[Row], titles: Mapping[str, str]) -> str:
 def publish(rows: Sequence[Row], titles: Mapping[str, str]) -> None:
     """Write the rows and the page."""
     write(rows)
-    DOCUMENT.write_text(document(DOCUMENT.read_text(), rows, titles))
+    DOCUMENT.write_text(document(DOCUMENT.read_text(encoding="utf-8"), rows, titles), encoding="utf-8")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 
 import hydra
@@ -11,6 +10,7 @@ from omegaconf import DictConfig
 
 from romgrl.command_line import checked, refuse
 from romgrl.composition import COMPOSITION_ERRORS, CONF, to_config
+from romgrl.display import protect
 from romgrl.endings import exit_code_of
 from romgrl.errors import ConfigurationError, RomgrlError
 from romgrl.usage import usage
@@ -32,15 +32,15 @@ def job(composed: DictConfig) -> None:
 
 def main() -> None:
     """Run, and turn what can go wrong into one line per fault and an exit code."""
+    protect()
     if {"-h", "--help"} & set(sys.argv):
         return print(usage(CONF))
-    os.environ["HYDRA_FULL_ERROR"] = "1"  # errors come here instead of into Hydra's own report
     try:
         sys.argv[1:] = checked(sys.argv[1:])
         job()
     except (ConfigurationError, *COMPOSITION_ERRORS) as error:
         sys.exit(refuse(error))
-    except (KeyboardInterrupt, RuntimeError) as error:
+    except (KeyboardInterrupt, RuntimeError, RomgrlError) as error:
         sys.exit(exit_code_of(error))
     sys.exit(failures[0].exit_code if failures else 0)
 

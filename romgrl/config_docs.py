@@ -51,7 +51,7 @@ def section(group: str, keys: dict[str, Field[Any]], config: Config) -> str:
 
 def main() -> None:
     """Write the page."""
-    PAGE.write_text(render())
+    PAGE.write_text(render(), encoding="utf-8")
 
 
 if __name__ == "__main__":

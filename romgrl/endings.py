@@ -1,4 +1,4 @@
-"""How a run ended that raised neither a RomgrlError nor a bug: interrupted, or a job of a sweep was lost."""
+"""How a run ended that did not end well: interrupted, a job of a sweep was lost, or its tables could not be made."""
 
 from __future__ import annotations
 
@@ -6,11 +6,14 @@ import signal
 import sys
 from concurrent.futures import BrokenExecutor
 
-from romgrl.errors import LaunchError
+from romgrl.errors import LaunchError, RomgrlError
 
 
-def exit_code_of(error: KeyboardInterrupt | RuntimeError) -> int:
-    """The exit code of an interruption, or of a lost job, which is told on one line. Raises what is a bug again."""
+def exit_code_of(error: KeyboardInterrupt | RuntimeError | RomgrlError) -> int:
+    """The exit code of an interruption, or of a fault, which is told on one line. Raises what is a bug again."""
+    if isinstance(error, RomgrlError):
+        print(error, file=sys.stderr)
+        return error.exit_code
     if isinstance(error, KeyboardInterrupt):
         return int(getattr(error, "exit_code", 128 + signal.SIGINT))
     submitit = sys.modules.get("submitit.core.utils")

@@ -8,7 +8,10 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGUSR2)  # Ctrl-C, a scheduler's end, a scheduler's warning
+SIGNALS: tuple[signal.Signals, ...] = (signal.SIGINT, signal.SIGTERM, signal.SIGUSR2, signal.SIGHUP)
+"""Ctrl-C, a scheduler's end, a scheduler's warning, a closed terminal; without the last where nohup has it ignored."""
+if signal.getsignal(signal.SIGHUP) == signal.SIG_IGN:
+    SIGNALS = SIGNALS[:-1]
 
 _deferring = _once = False
 _pending: signal.Signals | None = None
@@ -25,7 +28,7 @@ class Interrupted(KeyboardInterrupt):
 
     @property
     def exit_code(self) -> int:
-        """130 for SIGINT, 143 for SIGTERM, 140 for SIGUSR2 on Linux."""
+        """130 for SIGINT, 143 for SIGTERM, 140 for SIGUSR2 and 129 for SIGHUP on Linux."""
         return 128 + self.number
 
     def __str__(self) -> str:

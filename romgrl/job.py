@@ -37,7 +37,9 @@ from romgrl.workspace import Workspace
 def health_tags(directory: Path) -> dict[str, str]:
     """What a training found wrong with its discriminator, as a tag of its run; none where it has none."""
     path = directory / "health.json"
-    return {"romgrl.discriminator_health": json.loads(path.read_text())["verdict"]} if path.exists() else {}
+    if not path.exists():
+        return {}
+    return {"romgrl.discriminator_health": json.loads(path.read_text(encoding="utf-8"))["verdict"]}
 
 
 @dataclass

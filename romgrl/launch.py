@@ -19,6 +19,7 @@ from rich.console import Console
 
 from romgrl import interruption, pipeline
 from romgrl.config import Config
+from romgrl.display import protect
 from romgrl.errors import LaunchError, RomgrlError
 from romgrl.results.sweeps import JobEnd, note_end, position
 
@@ -50,14 +51,15 @@ class Launch:
     def failures(self) -> list[tuple[str, int]]:
         """One line and one exit code for each job that failed."""
         path = Path(self.directory, FAILURES)
-        documents = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
+        lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
+        documents = [json.loads(line) for line in lines]
         return [(document["text"], document["exit_code"]) for document in documents]
 
     def leave(self, text: str, exit_code: int) -> None:
         """Let the sweep know that a job failed."""
         if self.launcher == SHARES_TERMINAL:
             print(text, file=sys.stderr, flush=True)
-        with Path(self.directory, FAILURES).open("a") as file:
+        with Path(self.directory, FAILURES).open("a", encoding="utf-8") as file:
             file.write(json.dumps({"text": text, "exit_code": exit_code}) + "\n")
 
     def stop(self) -> None:
@@ -69,10 +71,11 @@ class Launch:
 
     @contextmanager
     def running(self) -> Iterator[None]:
-        """Let `stop` reach this process while the block runs; Ctrl-C of the terminal comes to the sweep, too."""
+        """Let `stop` reach this process while the block runs; what the terminal sends comes to the sweep, too."""
         path = Path(self.directory, f"{os.getpid()}{RUNNING}")
-        interruption.leave(signal.SIGINT)
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        for number in (signal.SIGINT, signal.SIGHUP):
+            interruption.leave(number)
+            signal.signal(number, signal.SIG_IGN)
         interruption.listen()
         try:
             path.touch()
@@ -97,6 +100,11 @@ class Labelled(io.StringIO):
         super().__init__()
         self._stream, self._label = stream, label
 
+    @property
+    def encoding(self) -> str:  # type: ignore[override]  # rich draws what it has letters for
+        """That of the stream."""
+        return self._stream.encoding
+
     def write(self, text: str) -> int:
         """Write whole lines at once."""
         self._stream.write("".join(f"[{self._label}] {line}\n" for line in text.splitlines()))
@@ -109,6 +117,7 @@ class Labelled(io.StringIO):
 
 def run_job(config: Config, overrides: Sequence[str]) -> None:
     """Run a job, named by its overrides. Raises RomgrlError; where a launcher put it, that is left with the sweep."""
+    protect()  # a launcher's process has come here without `main`
     own = [text for text in overrides if not text.lstrip("+").startswith("hydra")]
     name = " ".join(own) or "job"
     launch, parent, place = announced(), os.environ.get(PARENT_VARIABLE), position(own)

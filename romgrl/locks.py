@@ -56,7 +56,7 @@ class Owner:
 
     def __str__(self) -> str:
         try:
-            signed = json.loads(self.path.read_text())
+            signed = json.loads(self.path.read_text(encoding="utf-8"))
             return f"process {signed['process']} on {signed['host']} since {signed['since']}"
         except (OSError, ValueError, KeyError, TypeError):
             return "another process"
@@ -64,7 +64,9 @@ class Owner:
     def sign(self) -> None:
         """Write down this process."""
         since = datetime.now().astimezone().isoformat(timespec="seconds")
-        self.path.write_text(json.dumps({"process": os.getpid(), "host": socket.gethostname(), "since": since}))
+        self.path.write_text(
+            json.dumps({"process": os.getpid(), "host": socket.gethostname(), "since": since}), encoding="utf-8"
+        )
 
     def leave(self) -> None:
         """Nobody holds the lock any more."""

@@ -53,7 +53,7 @@ class Curve:
         self._path = path
         self._columns: list[str] = ["step"]
         if path.exists() and path.stat().st_size:
-            with path.open(newline="") as file:
+            with path.open(newline="", encoding="utf-8") as file:
                 self._columns = next(csv.reader(file))
 
     def append(self, values: Mapping[str, float], step: int) -> None:
@@ -62,14 +62,14 @@ class Curve:
         if new:
             self._widen(new)
         row: dict[str, float | int] = {"step": step, **values}
-        with self._path.open("a", newline="") as file:
+        with self._path.open("a", newline="", encoding="utf-8") as file:
             csv.writer(file).writerow([row.get(column, "") for column in self._columns])
 
     def cut(self, step: int) -> int:
         """Drop the rows after a step, and a last one that was not written whole; returns the last step there was."""
         if not self._path.exists():
             return step
-        text = self._path.read_text()
+        text = self._path.read_text(encoding="utf-8")
         lines = list(csv.reader(text[: text.rfind("\n") + 1].splitlines()))
         kept = [line for line in lines[1:] if int(line[0]) <= step]
         write_rows(self._path, [self._columns, *kept])
@@ -78,7 +78,7 @@ class Curve:
     def _widen(self, new: list[str]) -> None:
         rows: list[list[str]] = []
         if self._path.exists():
-            with self._path.open(newline="") as file:
+            with self._path.open(newline="", encoding="utf-8") as file:
                 rows = list(csv.reader(file))[1:]
         self._columns += new
         write_rows(self._path, [self._columns, *([*row, *[""] * len(new)] for row in rows)])
@@ -87,7 +87,7 @@ class Curve:
 def write_rows(path: Path, rows: Iterable[Sequence[str]]) -> None:
     """Write a table whole or not at all."""
     temporary = path.with_name(f".{path.name}")
-    with temporary.open("w", newline="") as file:
+    with temporary.open("w", newline="", encoding="utf-8") as file:
         csv.writer(file).writerows(rows)
     temporary.replace(path)
 

@@ -105,7 +105,7 @@ def run_link(text: str, run_id: str | None) -> str:
 
 def read_rows(path: Path) -> Rows:
     """The rows of a CSV file, none if there is no file."""
-    return list(csv.DictReader(path.read_text().splitlines())) if path.is_file() else []
+    return list(csv.DictReader(path.read_text(encoding="utf-8").splitlines())) if path.is_file() else []
 
 
 def error_table(rows: Rows) -> Table:

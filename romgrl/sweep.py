@@ -22,7 +22,8 @@ from hydra.experimental.callback import Callback
 from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 
-from romgrl.errors import ConfigurationError, RomgrlError
+from romgrl.artifacts import storage_faults
+from romgrl.errors import ConfigurationError, RomgrlError, StorageError
 from romgrl.interruption import SIGNALS
 from romgrl.journal import redacted
 from romgrl.launch import LAUNCH_VARIABLE, PARENT_VARIABLE, SHARES_TERMINAL, Launch
@@ -92,11 +93,7 @@ class SweepCallback(Callback):
 
     def on_multirun_start(self, config: DictConfig, **kwargs: Any) -> None:
         """Start the parent run."""
-        try:
-            check_launcher(config)
-        except ConfigurationError as error:
-            print(error, file=sys.stderr)
-            sys.exit(error.exit_code)
+        check_launcher(config)
         tracking = config.tracking
         outputs = Path(str(config.paths.outputs)).expanduser().resolve()
         self._recorder = open_recorder(tracking.uri, str(tracking.experiment), outputs, enabled=tracking.enabled)
@@ -110,7 +107,8 @@ class SweepCallback(Callback):
         self._run = self._recorder.start(name, tags={"stage": "sweep"}, params={"jobs": jobs})
         self._outputs, self._directory = outputs, Path(str(config.hydra.sweep.dir)).absolute()
         if config.stage not in NO_RESULTS:
-            note_sweep(self._directory, str(config.hydra.job.config_name), planned, loader)
+            with storage_faults(self._directory):
+                note_sweep(self._directory, str(config.hydra.job.config_name), planned, loader)
         atexit.register(self._end, "KILLED")
         os.environ[PARENT_VARIABLE] = self._run.local_id if tracking.enabled else ""
         self._launch, self._signals = plan_launch(config, jobs), Signals()
@@ -129,30 +127,40 @@ class SweepCallback(Callback):
     def on_multirun_end(self, config: DictConfig, **kwargs: Any) -> None:
         """Close the parent run; the exit code of jobs in other processes is that of the first one that failed."""
         failures = self._launch.failures() if self._launch is not None else []
+        codes = [code for _, code in failures]
         if self._launch is not None and self._launch.launcher != SHARES_TERMINAL:
             print("".join(f"{text}\n" for text, _ in failures), end="", file=sys.stderr)
-        if os.environ.pop(SWEEP_VARIABLE, None) is not None and self._signals.first is None:
-            self._join()
-        self._end("KILLED" if self._signals.first is not None else "FINISHED")
-        os.environ.pop(PARENT_VARIABLE, None)
-        os.environ.pop(LAUNCH_VARIABLE, None)
+        wanted = os.environ.pop(SWEEP_VARIABLE, None) is not None and self._signals.first is None
+        status = "FAILED"
+        try:
+            unjoined = self._join() if wanted else []
+            codes += unjoined
+            status = "KILLED" if self._signals.first is not None else "FAILED" if unjoined else "FINISHED"
+        except KeyboardInterrupt:
+            status = "KILLED"
+            raise
+        finally:
+            self._end(status)
+            os.environ.pop(PARENT_VARIABLE, None)
+            os.environ.pop(LAUNCH_VARIABLE, None)
         if self._signals.first is not None:
             sys.exit(128 + self._signals.first)
-        if failures:
-            sys.exit(failures[0][1])
+        if codes:
+            sys.exit(codes[0])
 
-    def _join(self) -> None:
-        """Tables and figures of all jobs, for the parent run; a sweep has not failed where they cannot be made."""
+    def _join(self) -> list[int]:
+        """Tables and figures of all jobs, for the parent run; where they cannot be made, the exit code of that."""
         from romgrl.results.joint import TABLE, write_joint  # takes a second to import
 
         try:
             directory = write_joint(read_sweep(self._directory), self._outputs)
         except (RomgrlError, OSError) as error:
             print(f"sweep: no tables and figures: {error}", file=sys.stderr)
-            return
+            return [getattr(error, "exit_code", StorageError.exit_code)]
         self._run.artifacts(directory)
-        self._run.describe((directory / TABLE).read_text())
+        self._run.describe((directory / TABLE).read_text(encoding="utf-8"))
         print(f"sweep: tables and figures of all jobs: {directory}", flush=True)
+        return []
 
     def _end(self, status: str) -> None:
         atexit.unregister(self._end)

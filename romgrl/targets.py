@@ -6,11 +6,13 @@ Hence the place of the check: the loader, which every composition comes out of, 
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterator
 from typing import Any
 
 import hydra._internal.hydra
+from hydra._internal.callbacks import Callbacks
 from hydra._internal.config_loader_impl import ConfigLoaderImpl
 from hydra.core.utils import setup_globals
 from hydra.errors import HydraException
@@ -34,9 +36,19 @@ UNKNOWN = object()
 
 
 def guard() -> None:
-    """Have Hydra load every configuration through the check, which needs its resolvers."""
+    """Have Hydra load every configuration through the check, which needs its resolvers, and pass on every error."""
     setup_globals()
+    os.environ["HYDRA_FULL_ERROR"] = "1"  # errors come to `main` instead of into Hydra's own report
     hydra._internal.hydra.ConfigLoaderImpl = GuardedLoader  # type: ignore[attr-defined]  # it offers no other way in
+    hydra._internal.hydra.Callbacks = LoudCallbacks  # type: ignore[attr-defined]
+
+
+class LoudCallbacks(Callbacks):
+    """Hydra's callbacks; but what one of them raises goes on, where Hydra makes a warning of it and ends with 0."""
+
+    def _notify(self, function_name: str, reverse: bool = False, **keywords: Any) -> None:
+        for callback in [*self.callbacks][:: -1 if reverse else 1]:
+            getattr(callback, function_name)(**keywords)
 
 
 class GuardedLoader(ConfigLoaderImpl):

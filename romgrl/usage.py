@@ -26,7 +26,7 @@ Groups as group=choice, and every key in them as group.key=value:
 Options: -m sweep over lists; --cfg job print the configuration instead of running; --hydra-help Hydra's own options.
 docs/configuration.md explains every key with its unit, range and default.
 Exit codes: 0 done, 2 bad configuration, 3 bad or missing artifact, 4 diverged, 5 disk full, read-only or
-broken, 130, 143 and 140 interrupted by SIGINT, SIGTERM and SIGUSR2."""
+broken, 130, 143, 140 and 129 interrupted by SIGINT, SIGTERM, SIGUSR2 and SIGHUP."""
 
 
 def usage(conf: Path) -> str:

@@ -20,6 +20,7 @@ from filelock import FileLock
 from romgrl import interruption
 from romgrl.artifacts import storage_faults
 from romgrl.config import Config
+from romgrl.display import protect
 from romgrl.errors import RomgrlError
 from romgrl.progress import StageLog
 
@@ -182,6 +183,7 @@ def end_with_pipeline(lifeline: int) -> None:
 
 def main() -> None:
     """Serve the pipe of the first file descriptor for as long as somebody holds the other end of the second."""
+    protect()
     threading.Thread(target=end_with_pipeline, args=[int(sys.argv[2])], daemon=True).start()
     interruption.listen(once=True)
     try:

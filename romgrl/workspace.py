@@ -44,11 +44,11 @@ class Workspace:
     def note(self, run_id: str | None, seconds: float) -> None:
         """Write down the MLflow run and the time worked so far, for the next attempt."""
         with suppress(OSError):  # it is written when something has failed, which is the fault to tell
-            self._note.write_text(json.dumps({"run_id": run_id, "seconds": seconds}))
+            self._note.write_text(json.dumps({"run_id": run_id, "seconds": seconds}), encoding="utf-8")
 
     def _read_note(self) -> None:
         try:
-            noted = json.loads(self._note.read_text())
+            noted = json.loads(self._note.read_text(encoding="utf-8"))
             self.run_id, self.seconds = noted["run_id"], float(noted["seconds"])
         except (OSError, ValueError, KeyError, TypeError):
             return  # a lost note costs a line in MLflow, not the training

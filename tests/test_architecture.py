@@ -30,13 +30,25 @@ ALLOWED = {
     "rom": {"rom", "errors", "config"},
     "humanoid": {"humanoid", "errors", "config"},
     "gait": {"gait", "errors"},
-    "report": {"report", "gait", "artifacts", "errors", "config", "rom", "humanoid"},
-    "results": {"results", "report", "artifacts", "config", "errors", "gait", "keys", "summary", "validation"},
+    "report": {"report", "gait", "artifacts", "display", "errors", "config", "rom", "humanoid"},
+    "results": {
+        "results",
+        "report",
+        "artifacts",
+        "config",
+        "display",
+        "errors",
+        "gait",
+        "keys",
+        "summary",
+        "validation",
+    },
     "artifacts": {"errors"},
     "checkpoint": {"artifacts", "errors"},
     "interruption": set(),
     "progress": {"errors"},
     "config": set(),
+    "display": set(),
     "errors": set(),
     "stages": BELOW_STAGES,
     "validation": {"config"},
@@ -47,6 +59,7 @@ ALLOWED = {
         "artifacts",
         "composition",
         "config",
+        "display",
         "errors",
         "keys",
         "progress",
@@ -62,7 +75,7 @@ ALLOWED = {
     "titles": {"artifacts", "config", "keys", "progress", "results", "summary", "validation"},
     "journal": set(),
     "recorder": {"errors", "journal", "tracking_process"},
-    "tracking": {"artifacts", "errors", "journal", "recorder", "summary"},
+    "tracking": {"artifacts", "display", "errors", "journal", "recorder", "summary"},
     "remote": {"artifacts", "errors", "recorder"},
     "tracking_process": set(),
     "pipeline": {
@@ -97,15 +110,16 @@ ALLOWED = {
         "worker",
         "workspace",
     },
-    "worker": {"artifacts", "config", "errors", "interruption", "progress"},
+    "worker": {"artifacts", "config", "display", "errors", "interruption", "progress"},
     "composition": {"config", "draws", "errors", "misfits", "targets", "validation"},
     "draws": set(),
     "loading": {"composition", "targets", "validation"},
     "command_line": {"composition", "errors", "loading", "validation"},
     "targets": set(),
-    "launch": {"config", "errors", "interruption", "pipeline", "results"},
+    "launch": {"config", "display", "errors", "interruption", "pipeline", "results"},
     "endings": {"errors"},
     "sweep": {
+        "artifacts",
         "errors",
         "interruption",
         "journal",
@@ -117,7 +131,7 @@ ALLOWED = {
         "results",
     },
     "config_docs": {"composition", "config", "validation"},
-    "__main__": {"command_line", "composition", "endings", "errors", "launch", "usage"},
+    "__main__": {"command_line", "composition", "display", "endings", "errors", "launch", "usage"},
     "usage": set(),
     "__init__": set(),
 }
@@ -133,7 +147,7 @@ def imports(path: Path) -> set[str]:
     """Every imported module, dotted; relative imports made absolute."""
     found: set[str] = set()
     package = ["romgrl", *path.relative_to(ROOT / "romgrl").parts[:-1]]
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
@@ -164,7 +178,7 @@ def test_outside_libraries(path: Path) -> None:
 
 @pytest.mark.parametrize("path", SOURCES, ids=lambda path: str(path.relative_to(ROOT)))
 def test_files_and_functions_stay_small(path: Path) -> None:
-    text = path.read_text()
+    text = path.read_text(encoding="utf-8")
     assert len(text.splitlines()) <= 300
     for node in ast.walk(ast.parse(text)):
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
@@ -172,7 +186,7 @@ def test_files_and_functions_stay_small(path: Path) -> None:
 
 
 def test_entry_point_is_under_50_lines() -> None:
-    assert len((ROOT / "romgrl" / "__main__.py").read_text().splitlines()) < 50
+    assert len((ROOT / "romgrl" / "__main__.py").read_text(encoding="utf-8").splitlines()) < 50
 
 
 def test_help_is_quick_and_imports_nothing_heavy() -> None:
@@ -182,7 +196,9 @@ def test_help_is_quick_and_imports_nothing_heavy() -> None:
         f"atexit.register(lambda: print(time.process_time() - start, {heavy} & set(sys.modules)));"
         "from romgrl.__main__ import main; main()"
     )
-    result = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=True)
+    result = subprocess.run(
+        [sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=True, encoding="utf-8"
+    )
     seconds, modules = result.stdout.splitlines()[-1].split(maxsplit=1)
     assert modules == "set()"
     assert float(seconds) < 1.5

@@ -24,7 +24,7 @@ TRAINED = ("stage=verify", "stage=watch")  # say in one line that nothing is tra
 def commands(start: str, documents: Sequence[Path] = DOCUMENTS) -> Iterator[str]:
     """Lines of code blocks, and inline code, that begin with `start`; comments cut off."""
     for document in documents:
-        text = document.read_text()
+        text = document.read_text(encoding="utf-8")
         blocks = re.findall(r"```\w*\n(.*?)```", text, flags=re.DOTALL)
         lines = [line for block in blocks for line in block.splitlines()]
         indented = re.findall(r"^ {4}(\S.*)$", text, flags=re.MULTILINE)
@@ -58,12 +58,12 @@ def test_romgrl(line: str, command: Command) -> None:
 @pytest.mark.parametrize("line", MAKE)
 def test_make(line: str) -> None:
     dry = ["make", "-n", *shlex.split(line)[1:]]
-    result = subprocess.run(dry, cwd=ROOT, capture_output=True, text=True, check=False)
+    result = subprocess.run(dry, cwd=ROOT, capture_output=True, text=True, check=False, encoding="utf-8")
     assert result.returncode == 0, result.stderr
 
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
 def test_links_lead_somewhere(document: Path) -> None:
-    for target in re.findall(r"\]\(([^)#]+)", document.read_text()):
+    for target in re.findall(r"\]\(([^)#]+)", document.read_text(encoding="utf-8")):
         if not target.startswith("http"):
             assert (document.parent / target).exists(), f"{document.name}: {target}"

@@ -162,13 +162,13 @@ def test_reference_and_rollouts_keep_the_feature_contract(smoke: dict[str, Any])
 
 def test_tables_have_the_fixed_names(smoke: dict[str, Any]) -> None:
     evaluation = smoke["finished"]["evaluation"]
-    with (evaluation / "mse.csv").open(newline="") as file:
+    with (evaluation / "mse.csv").open(newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert list(rows[0])[:5] == ["channel", "alignment", "baseline", "student", "reduction_percent"]
     assert [(row["channel"], row["alignment"]) for row in rows] == [
         (channel, alignment) for alignment in ("aligned", "raw") for channel in CHANNELS
     ]
-    with (evaluation / "gait.csv").open(newline="") as file:
+    with (evaluation / "gait.csv").open(newline="", encoding="utf-8") as file:
         assert [next(iter(row.values())) for row in csv.DictReader(file)] == ["teacher", "student", "baseline"]
 
 

@@ -28,7 +28,7 @@ class Peer:
     """A script of this directory in a peer's environment; use as a context manager."""
 
     def __init__(self, environment: str, script: str, *, threads: int, **settings: Any) -> None:
-        self._errors = tempfile.TemporaryFile("w+")  # noqa: SIM115 - closed with the peer
+        self._errors = tempfile.TemporaryFile("w+", encoding="utf-8")  # noqa: SIM115 - closed with the peer
         variables = {"OMP_NUM_THREADS": str(threads), "CUDA_VISIBLE_DEVICES": "", "PYTHONPATH": str(HERE.parents[1])}
         self._process = subprocess.Popen(
             [interpreter(environment), HERE / script, json.dumps({"threads": threads, **settings})],
@@ -38,6 +38,7 @@ class Peer:
             env=USERS_ENVIRONMENT | variables,
             cwd=tempfile.gettempdir(),
             text=True,
+            encoding="utf-8",
         )
         self.settings: dict[str, Any] = self._answer()
 

@@ -33,7 +33,7 @@ def script() -> Path | None:
 def is_old() -> bool:
     """Whether the script is for OpenAI's gym, as the package is; later ones are for Gymnasium."""
     file = script()
-    return file is None or "import gymnasium" not in file.read_text()
+    return file is None or "import gymnasium" not in file.read_text(encoding="utf-8")
 
 
 class Clock:

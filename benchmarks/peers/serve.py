@@ -9,7 +9,7 @@ from collections.abc import Callable
 from typing import Any
 
 settings: dict[str, Any] = json.loads(sys.argv[1]) if len(sys.argv) > 1 else {}
-_line = os.fdopen(os.dup(1), "w")
+_line = os.fdopen(os.dup(1), "w", encoding="utf-8")
 os.dup2(2, 1)  # what the peer prints shall not come between the answers
 
 

@@ -55,7 +55,7 @@ def run_stage(stage: str, overrides: list[str]) -> int:
 def manifest(directory: Path, stage: str) -> tuple[Path, dict[str, Any]]:
     """The one artifact of a stage and its manifest."""
     (path,) = (directory / "artifacts" / stage).glob("*/manifest.json")
-    return path.parent, json.loads(path.read_text())
+    return path.parent, json.loads(path.read_text(encoding="utf-8"))
 
 
 def teacher(options: Options) -> Result:
@@ -92,7 +92,7 @@ def student_seed(options: Options, seed: int) -> dict[str, Any]:
     directory = outputs(options, "student") / str(seed)
     answer = directory / "found.json"
     if answer.exists():
-        return dict(json.loads(answer.read_text()))
+        return dict(json.loads(answer.read_text(encoding="utf-8")))
     overrides = settings(options, directory, seed)
     if run_stage("reference", overrides):
         raise RuntimeError(f"no reference for seed {seed}")
@@ -114,7 +114,7 @@ def student_seed(options: Options, seed: int) -> dict[str, Any]:
         "updates, about": round(updates),
         "teacher before, min": round(float(manifest(directory, "teacher")[1]["wall_time"]) / 60, 2),
     }
-    answer.write_text(json.dumps(found))
+    answer.write_text(json.dumps(found), encoding="utf-8")
     return found
 
 

@@ -26,7 +26,9 @@ def romgrl(*arguments: str, threads: int) -> float:
     command = [sys.executable, "-m", "romgrl", *arguments]
     environment = os.environ | {"OMP_NUM_THREADS": str(threads)}
     start = time.perf_counter()
-    done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False, encoding="utf-8"
+    )
     if done.returncode:
         raise RuntimeError(f"{' '.join(arguments)}: {(done.stderr.strip().splitlines() or ['failed'])[-1]}")
     return time.perf_counter() - start
@@ -66,8 +68,8 @@ def tracking_share(options: Options) -> Result:
         def training(tracking: str) -> float:
             overrides = ("stage=teacher", f"tracking={tracking}", f"paths.outputs={directory}", f"seed={next(seeds)}")
             config = configuration(*overrides, f"teacher.total_steps={steps}", threads=options.threads)
-            made = pipeline.run(config, console=Console(file=open(os.devnull, "w")))  # noqa: SIM115 - a console stays open
-            return float(json.loads((made["teacher"] / "manifest.json").read_text())["wall_time"])
+            made = pipeline.run(config, console=Console(file=open(os.devnull, "w", encoding="utf-8")))  # noqa: SIM115
+            return float(json.loads((made["teacher"] / "manifest.json").read_text(encoding="utf-8"))["wall_time"])
 
         sides = {"on": lambda: training("sqlite"), "off": lambda: training("none")}
         samples = interleave(sides, options.repeats)

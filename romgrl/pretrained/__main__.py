@@ -16,6 +16,7 @@ from romgrl import pretrained
 from romgrl.artifacts import MANIFEST, Manifest, open_artifact, write_bytes
 from romgrl.composition import COMPOSITION_ERRORS, compose_config, first_line
 from romgrl.config import Config
+from romgrl.display import protect
 from romgrl.errors import ArtifactError, ConfigurationError, RomgrlError
 from romgrl.keys import stage_settings
 from romgrl.pretrained.card import write_card
@@ -83,6 +84,7 @@ def write(stage: str, manifest: Manifest, source: Path) -> list[Path]:
 
 def main(arguments: Sequence[str]) -> int:
     """Ship and say what was written; the exit code of the failure otherwise."""
+    protect()
     if not arguments or "=" in arguments[0]:
         print(__doc__, file=sys.stderr)
         return 2

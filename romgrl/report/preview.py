@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from romgrl.artifacts import open_artifact
+from romgrl.display import protect
 from romgrl.errors import ArtifactError, RomgrlError
 from romgrl.report.side_by_side import FILM
 
@@ -68,6 +69,7 @@ def animation(frames: Frames, rate: float) -> bytes:
 
 def main(arguments: Sequence[str]) -> None:
     """Write the animation of the newest report under the first argument to the second."""
+    protect()
     outputs, target = map(Path, arguments)
     try:
         film = newest_film(outputs)

@@ -10,6 +10,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from romgrl.display import protect
 from romgrl.errors import RomgrlError
 from romgrl.results.document import write_document
 from romgrl.results.readme import write_readme
@@ -17,6 +18,7 @@ from romgrl.results.readme import write_readme
 
 def main(arguments: Sequence[str]) -> int:
     """Write the documents and say what was written; the exit code of the failure otherwise."""
+    protect()
     if len(arguments) not in (2, 3):
         print(__doc__, file=sys.stderr)
         return 2

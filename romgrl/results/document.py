@@ -46,7 +46,7 @@ def write_document(outputs: Path, docs: Path) -> list[Path]:
     for sweep in sorted(found, key=lambda each: (each.name != PAPER, each.title)):
         jobs = results(sweep, outputs)
         text += section(sweep, jobs, outputs, directory)
-    (docs / "results.md").write_text("\n".join(text))
+    (docs / "results.md").write_text("\n".join(text), encoding="utf-8")
     return [docs / "results.md", *sorted(directory.iterdir())]
 
 

@@ -42,7 +42,7 @@ def write_joint(sweep: Sweep, outputs: Path) -> Path:
     table, _ = write_tables(sweep, found, outputs, directory)
     command = ["Started by", "", f"    {sweep.command}", ""]
     lines = [f"# {sweep.title}", "", *table, *failures(found), "", *best_jobs(found), ""]
-    (directory / TABLE).write_text("\n".join([*lines, *cost(sweep, found, outputs), "", *command]))
+    (directory / TABLE).write_text("\n".join([*lines, *cost(sweep, found, outputs), "", *command]), encoding="utf-8")
     return directory
 
 

@@ -44,10 +44,12 @@ def write_readme(outputs: Path, document: Path) -> None:
     jobs = [each for sweep in found for each in results(sweep, outputs) if each.evaluation is not None]
     if not jobs:
         raise ArtifactError(f"{outputs}: no job of the sweeps {' and '.join(CLAIMED)} has finished")
-    before, _, rest = document.read_text().partition(START)
+    before, _, rest = document.read_text(encoding="utf-8").partition(START)
     if END not in rest:
         raise ArtifactError(f"{document}: has no markers {START} and {END}")
-    document.write_text(f"{before}{START}\n\n{markdown(runs_table(jobs))}\n{END}{rest.partition(END)[2]}")
+    document.write_text(
+        f"{before}{START}\n\n{markdown(runs_table(jobs))}\n{END}{rest.partition(END)[2]}", encoding="utf-8"
+    )
 
 
 def runs_table(jobs: Sequence[JobResult]) -> pd.DataFrame:

@@ -77,7 +77,7 @@ def write_sweep(directory: Path, name: str, command: str, jobs: Sequence[Sequenc
     """Write down what was asked for, and tell the jobs where. `more`: machine, started, usual."""
     directory.mkdir(parents=True, exist_ok=True)
     document = {"name": name, "command": command, "jobs": [[*job] for job in jobs], **more}
-    (directory / SWEEP).write_text(json.dumps(document, indent=2))
+    (directory / SWEEP).write_text(json.dumps(document, indent=2), encoding="utf-8")
     os.environ[SWEEP_VARIABLE] = str(directory)
 
 
@@ -85,7 +85,7 @@ def note_end(end: JobEnd) -> None:
     """Let the sweep that this job belongs to know how it ended; no sweep, no note."""
     directory = os.environ.get(SWEEP_VARIABLE)
     if directory:
-        with Path(directory, JOBS).open("a") as lines:
+        with Path(directory, JOBS).open("a", encoding="utf-8") as lines:
             lines.write(json.dumps(asdict(end)) + "\n")
 
 
@@ -103,9 +103,9 @@ def position(overrides: Sequence[str]) -> tuple[int, int] | None:
 def read_sweep(directory: Path) -> Sweep:
     """A sweep from its directory. Raises ArtifactError where its files are not what was written."""
     try:
-        document = json.loads((directory / SWEEP).read_text())
+        document = json.loads((directory / SWEEP).read_text(encoding="utf-8"))
         path = directory / JOBS
-        lines = path.read_text().splitlines() if path.exists() else []
+        lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
         return Sweep(directory=directory, **document, ends=[read_end(json.loads(line)) for line in lines])
     except (OSError, ValueError, TypeError) as error:
         raise ArtifactError(f"{directory / SWEEP}: cannot be read: {error}") from error

@@ -60,7 +60,7 @@ class HealthWatch:
             "now": [diagnosis._asdict() for diagnosis in now],
             "history": self._history(),
         }
-        self._path.write_text(json.dumps(document, indent=1) + "\n")
+        self._path.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
 
     def state(self) -> State:
         """Everything that `restore` needs."""

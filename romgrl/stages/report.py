@@ -59,11 +59,13 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
             camera.close()
     for name, picture in pictures.items():
         save(picture, output, name)
-    (output / "mse.md").write_text(tables.markdown(tables.error_table(errors)))
-    (output / "distances.md").write_text(tables.markdown(tables.distance_table(distances)))
-    (output / "gait.md").write_text(tables.markdown(tables.gait_table(gaits)))
+    (output / "mse.md").write_text(tables.markdown(tables.error_table(errors)), encoding="utf-8")
+    (output / "distances.md").write_text(tables.markdown(tables.distance_table(distances)), encoding="utf-8")
+    (output / "gait.md").write_text(tables.markdown(tables.gait_table(gaits)), encoding="utf-8")
     facts = collect_facts(config, inputs)
-    (output / "report.md").write_text(document.write(errors, distances, gaits, facts, list(pictures), films))
+    (output / "report.md").write_text(
+        document.write(errors, distances, gaits, facts, list(pictures), films), encoding="utf-8"
+    )
     report_page.write_page(
         config, inputs, output, model=model, rollouts=rollouts, errors=errors, gaits=gaits, facts=facts
     )

@@ -227,5 +227,5 @@ def record(env: SpringLegVectorEnv, policy: DeterministicPolicy, *, steps: int, 
 
 def write_row(path: Path, row: Mapping[str, float | str]) -> None:
     """One row of CSV with its header."""
-    with path.open("w", newline="") as file:
+    with path.open("w", newline="", encoding="utf-8") as file:
         csv.writer(file).writerows([row.keys(), row.values()])

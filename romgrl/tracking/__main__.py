@@ -16,6 +16,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
+from romgrl.display import protect
 from romgrl.errors import RomgrlError
 from romgrl.journal import HIDDEN, BusyError, JournalError, Outbox, journal_directory, journals, redacted
 from romgrl.recorder import LOCAL, SYSTEM_METRICS, default_uri
@@ -236,7 +237,8 @@ def serve(connection: Connection) -> None:
 
 def main() -> None:
     """Serve the pipe whose file descriptor is the only argument; signals are the pipeline's to answer."""
-    for number in (signal.SIGINT, signal.SIGTERM):
+    protect()
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
     serve(Connection(int(sys.argv[1])))
     os._exit(0)  # all is stored; taking MLflow apart would be half a second for nothing

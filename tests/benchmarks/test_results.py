@@ -63,7 +63,7 @@ def test_the_notes_around_the_table_are_kept() -> None:
 
 
 def test_the_real_page_has_its_markers() -> None:
-    assert results.document(results.DOCUMENT.read_text(), [row("a")], {})
+    assert results.document(results.DOCUMENT.read_text(encoding="utf-8"), [row("a")], {})
 
 
 @pytest.mark.parametrize(

@@ -22,7 +22,7 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
     if not folder.exists():
         write_run(folder, steps=config.evaluation.steps, blur=BLUR * config.eta)
     shutil.copytree(folder / output.parent.name, output, ignore=shutil.ignore_patterns(MANIFEST), dirs_exist_ok=True)
-    (output / "eta.txt").write_text(f"{config.eta:g}\n")  # so that no student is taken for another
+    (output / "eta.txt").write_text(f"{config.eta:g}\n", encoding="utf-8")  # so that no student is taken for another
 
 
 def main() -> None:

@@ -51,7 +51,7 @@ def swept(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Swept]:
     port = free_port()
     quiet = ["env", "MLFLOW_DISABLE_TELEMETRY=true"]
     with (
-        (outputs / "ui.log").open("w") as log,
+        (outputs / "ui.log").open("w", encoding="utf-8") as log,
         process([*quiet, *shlex.split(command), "--port", str(port), "--workers", "1"], log.fileno()),
     ):
         server = f"http://127.0.0.1:{port}"

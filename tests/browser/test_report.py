@@ -148,7 +148,10 @@ def test_every_curve_has_data(opened: Page) -> None:
 
 def test_in_a_sandboxed_frame(browser: Browser, page_file: Path, tmp_path: Path) -> None:
     outer = tmp_path / "outer.html"
-    outer.write_text(f'<iframe sandbox="allow-scripts" width="1200" height="800" src="{page_file.as_uri()}"></iframe>')
+    outer.write_text(
+        f'<iframe sandbox="allow-scripts" width="1200" height="800" src="{page_file.as_uri()}"></iframe>',
+        encoding="utf-8",
+    )
     page = browser.new_page()
     faults, _ = watch(page)
     page.goto(outer.as_uri())

@@ -15,8 +15,8 @@ def fill(directory: Path) -> None:
     (directory / "figures").mkdir(parents=True)
     save_tensors(directory / "policy.safetensors", {"w": torch.arange(6.0).reshape(2, 3)}, {"network": "{}"})
     save_arrays(directory / "reference.npz", {"features": np.ones((7, 5)), "episode": np.arange(7)})
-    (directory / "curve.csv").write_text("step,loss\n1,2\n")
-    (directory / "figures" / "a.txt").write_text("figure")
+    (directory / "curve.csv").write_text("step,loss\n1,2\n", encoding="utf-8")
+    (directory / "figures" / "a.txt").write_text("figure", encoding="utf-8")
 
 
 def describe(directory: Path, *, stage: str = "teacher", key: str = "key") -> Manifest:

@@ -24,9 +24,9 @@ def sign(document: Document) -> str:
 def forge(directory: Path, change: Callable[[Document], object]) -> None:
     """Change the manifest and make it true to itself again."""
     path = directory / "manifest.json"
-    document = json.loads(path.read_text())
+    document = json.loads(path.read_text(encoding="utf-8"))
     change(document)
-    path.write_text(sign(document))
+    path.write_text(sign(document), encoding="utf-8")
 
 
 def replace_file(directory: Path, name: str, content: bytes, arrays: Document | None = None) -> None:

@@ -22,14 +22,16 @@ def install(directory: Path) -> None:
     directory.mkdir()
     for name in COMMANDS:
         path = directory / name
-        path.write_text(f'#!/bin/sh\nexec {sys.executable} {Path(__file__).resolve()} {directory} {name} "$@"\n')
+        path.write_text(
+            f'#!/bin/sh\nexec {sys.executable} {Path(__file__).resolve()} {directory} {name} "$@"\n', encoding="utf-8"
+        )
         path.chmod(0o755)
 
 
 def sbatch(state: Path, script: str) -> None:
     """Queue a script, once or once for each task of its array."""
-    text = Path(script).read_text()
-    (state / "script.sh").write_text(text)
+    text = Path(script).read_text(encoding="utf-8")
+    (state / "script.sh").write_text(text, encoding="utf-8")
     array, cpus = ARRAY.search(text), CPUS.search(text)
     assert cpus is not None
     for task in range(int(array[1]) + 1) if array else [None]:
@@ -38,7 +40,7 @@ def sbatch(state: Path, script: str) -> None:
             variables |= {"SLURM_ARRAY_JOB_ID": str(JOB), "SLURM_ARRAY_TASK_ID": str(task)}
         else:
             variables["SLURM_JOB_ID"] = str(JOB)
-        with (state / "slurm.log").open("a") as log:
+        with (state / "slurm.log").open("a", encoding="utf-8") as log:
             subprocess.Popen(
                 [sys.executable, __file__, str(state), "run"],
                 env=os.environ | variables,

@@ -29,7 +29,7 @@ def mlflow_server(directory: Path, database: str) -> Iterator[str]:
     port = free_port()
     command = [sys.executable, "-m", "mlflow", "server", "--host", "127.0.0.1", "--port", str(port), "--workers", "1"]
     command += ["--backend-store-uri", database, "--serve-artifacts", "--artifacts-destination", str(directory)]
-    with (directory.parent / "mlflow.log").open("w") as log, process(command, log.fileno()):
+    with (directory.parent / "mlflow.log").open("w", encoding="utf-8") as log, process(command, log.fileno()):
         wait_until(lambda: answers(f"http://127.0.0.1:{port}/health"), seconds=120)
         yield f"http://127.0.0.1:{port}"
 
@@ -52,7 +52,10 @@ def postgresql() -> Iterator[str]:
         make = [str(initdb), "--pgdata", str(data), "--username", "romgrl", "--auth", "trust", "--encoding", "UTF8"]
         subprocess.run(make, check=True, user=user, env=environment, cwd=directory, stdout=subprocess.DEVNULL)
         server = [str(programs_of / "postgres"), "-D", str(data), "-p", str(port), "-k", str(directory)]
-        with (directory / "log").open("w") as log, process([*server, "-h", "127.0.0.1", "-F"], log.fileno(), user):
+        with (
+            (directory / "log").open("w", encoding="utf-8") as log,
+            process([*server, "-h", "127.0.0.1", "-F"], log.fileno(), user),
+        ):
             ready = [str(programs_of / "pg_isready"), "-q", "-h", "127.0.0.1", "-p", str(port)]
             wait_until(lambda: subprocess.run(ready, check=False).returncode == 0, seconds=60)
             yield f"postgresql+psycopg://romgrl@127.0.0.1:{port}/postgres"

@@ -103,7 +103,9 @@ def test_a_process_says_the_same_and_makes_nothing(tmp_path: Path, capsys: pytes
     def run(number: int) -> str | None:
         command = [sys.executable, "-m", "romgrl", *arguments_of(cases[number], number, tmp_path)]
         environment = os.environ | {"PYTHONPATH": str(ROOT)}
-        ended = subprocess.run(command, cwd=here, env=environment, capture_output=True, text=True, timeout=120)
+        ended = subprocess.run(
+            command, cwd=here, env=environment, capture_output=True, text=True, timeout=120, encoding="utf-8"
+        )
         return shortcoming(cases[number], (ended.returncode, ended.stdout, ended.stderr))
 
     with ThreadPoolExecutor(2) as pool:
@@ -147,8 +149,8 @@ def good_values(config: Config, seed: int) -> Iterator[list[str]]:
 def test_good_configurations_are_taken(
     in_process: Program, compose_config: Composer, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    (tmp_path / "robot.xml").write_text(human_spec(height=1.7, mass=70).to_xml())
-    (tmp_path / "mine.yaml").write_text(HEAD + "speed: 3\nteacher: {speed: '${speed}'}\n")
+    (tmp_path / "robot.xml").write_text(human_spec(height=1.7, mass=70).to_xml(), encoding="utf-8")
+    (tmp_path / "mine.yaml").write_text(HEAD + "speed: 3\nteacher: {speed: '${speed}'}\n", encoding="utf-8")
     forms = [*GOOD_FORMS, ["humanoid=humenv", f"humanoid.xml={tmp_path}/robot.xml"]]
     forms += [[f"--config-dir={tmp_path}", "--config-name=mine", "eta=1"]]
     forms += itertools.islice(good_values(compose_config(), SEED), GOOD - len(forms))

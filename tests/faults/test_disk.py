@@ -188,7 +188,7 @@ def test_a_stage_that_writes_by_itself(smoke_config: Config, tmp_path: Path, mon
     """Tables and pictures are written by libraries, which know only OSError; a worker must tell it in one line, too."""
 
     def stage(*_: object) -> None:
-        Path("/dev/full").write_text("step,loss\n")
+        Path("/dev/full").write_text("step,loss\n", encoding="utf-8")
 
     monkeypatch.setattr(worker, "load_function", lambda entry: stage)
     with pytest.raises(StorageError, match=r"^/.*: No space left on device$"):

@@ -196,7 +196,7 @@ def test_a_full_disk_leaves_whole_lines(
         run.metrics({"m": 1.0}, 1)
         monkeypatch.setattr(os, "write", write)
         run.metrics({"m": 2.0}, 2)
-    lines = [json.loads(line) for line in written.path.read_text().splitlines()]
+    lines = [json.loads(line) for line in written.path.read_text(encoding="utf-8").splitlines()]
     assert [line.get("do") for line in lines] == [None, "start", "metrics", "metrics"]
     errors = capsys.readouterr().err
     assert errors.count("warning: not everything goes to MLflow: ") == 1
@@ -231,7 +231,7 @@ def test_written_lines_come_to_the_disk(tmp_path: Path, monkeypatch: pytest.Monk
 
 
 def test_a_directory_that_cannot_be_written_costs_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "journal").write_text("in the way")
+    (tmp_path / "journal").write_text("in the way", encoding="utf-8")
     recorder = Recorder(default_uri(tmp_path), "romgrl", tmp_path)
     run = recorder.start("x", tags={})
     run.metrics({"m": 1.0}, 1)
@@ -352,7 +352,7 @@ def test_passwords_are_written_nowhere(tmp_path: Path, capsys: pytest.CaptureFix
     run.finish()
     recorder.close()
     output = capsys.readouterr()
-    files = [path.read_text() for path in journal.journal_directory(tmp_path).iterdir()]
+    files = [path.read_text(encoding="utf-8") for path in journal.journal_directory(tmp_path).iterdir()]
     assert "postgresql+psycopg://ann:***@" in output.err
     assert sum("postgresql+psycopg://ann:***@" in text for text in files) >= 1
     assert not any("cret" in text for text in (output.out, output.err, *files))

@@ -45,7 +45,7 @@ def changed_value(config: Config, key: str, directory: Path) -> object:
     """Another value; a file that exists where the key names one."""
     if key != "humanoid.xml":
         return different(value_of(config, key))
-    (directory / "model.xml").write_text("<mujoco/>")
+    (directory / "model.xml").write_text("<mujoco/>", encoding="utf-8")
     return str(directory / "model.xml")
 
 
@@ -96,7 +96,7 @@ def test_every_file_of_code_counts(copied: Path) -> None:
 def test_a_training_does_not_depend_on_figures(copied: Path, compose_config: Composer) -> None:
     """Whoever edits a plot does not train again."""
     before = {stage: stage_key(stage, compose_config(), {}) for stage in STAGES}
-    (copied / "romgrl" / "report" / "figures.py").write_text("# empty")
+    (copied / "romgrl" / "report" / "figures.py").write_text("# empty", encoding="utf-8")
     after = {stage: stage_key(stage, compose_config(), {}) for stage in STAGES}
     assert {stage for stage in STAGES if before[stage] != after[stage]} == {"report"}
 

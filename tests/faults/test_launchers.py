@@ -118,7 +118,9 @@ def test_joblib_trains_what_jobs_share_once(tmp_path: Path) -> None:
     lines = [line for line in out.splitlines() if not line.startswith("sweep: ")]
     assert out.splitlines()[0] == "sweep: 2 jobs, 2 at once"
     assert {re.match(r"\[speed=[14]\] ", line) is not None for line in lines} == {True}
-    students = [line.split() for line in (tmp_path / "artifacts" / "times.txt").read_text().splitlines()][-2:]
+    students = [
+        line.split() for line in (tmp_path / "artifacts" / "times.txt").read_text(encoding="utf-8").splitlines()
+    ][-2:]
     assert len({process for *_, process, _, _ in students}) == 2
     assert {int(threads) for *_, threads, _ in students} == {max(1, pipeline.available_cores() // 2)}
 
@@ -133,12 +135,12 @@ def test_failures_in_other_processes_are_told(tmp_path: Path, launcher: str) -> 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_to_the_sweep_ends_its_jobs_in_good_order(tmp_path: Path, number: signal.Signals) -> None:
-    """Two jobs run and save themselves; the third does not start. A terminal's Ctrl-C comes to all of them."""
+    """Two jobs run and save themselves; the third does not start. A terminal's Ctrl-C, or its end, comes to all of them."""
     job = begin(tmp_path, "joblib", "stage=baseline", "speed=1,2,3", FAKE_SECONDS="60")
     wait_until(lambda: len(list(tmp_path.glob("artifacts/*/*.partial/curve.csv"))) == 0 and calls(tmp_path) == 2)
-    for process in [*(jobs(tmp_path) if number == signal.SIGINT else []), job.pid]:
+    for process in [*(jobs(tmp_path) if number != signal.SIGTERM else []), job.pid]:
         os.kill(process, number)
     code, _, err = end(job)
     assert code == 128 + number
@@ -184,13 +186,13 @@ def test_a_preempted_job_goes_on(tmp_path: Path, launcher: str) -> None:
     while len(preempted) < 2:
         wait_until(lambda: bool(training(outputs) - preempted), seconds=90)
         for workspace in training(outputs) - preempted:
-            owner = json.loads(workspace.with_name(f".{workspace.stem}.owner").read_text())
+            owner = json.loads(workspace.with_name(f".{workspace.stem}.owner").read_text(encoding="utf-8"))
             for number in [signal.SIGTERM, signal.SIGUSR2] if launcher == "submitit_slurm" else [signal.SIGUSR2]:
                 os.kill(owner["process"], number)  # Slurm sends both where it preempts
             preempted.add(workspace)
     code, _, err = end(job)
     assert (code, err) == (0, "")
-    logs = [log.read_text() for log in outputs.glob("sweeps/*/.submitit/*/*_log.out")]
+    logs = [log.read_text(encoding="utf-8") for log in outputs.glob("sweeps/*/.submitit/*/*_log.out")]
     assert len(logs) == 2
     goes_on = [step for log in logs for step in re.findall(r"goes on at step ([\d,]+)", log)]
     print(f"{len(preempted)} preempted, {len(goes_on)} went on at steps {goes_on}")
@@ -199,7 +201,7 @@ def test_a_preempted_job_goes_on(tmp_path: Path, launcher: str) -> None:
     assert len(list(outputs.glob("artifacts/teacher/*/manifest.json"))) == 2
     assert not list(outputs.rglob(CHECKPOINT))
     if launcher == "submitit_slurm":
-        script = (tmp_path / "slurm" / "script.sh").read_text()
+        script = (tmp_path / "slurm" / "script.sh").read_text(encoding="utf-8")
         flags = {"array=0-1%2", "cpus-per-task=4", "time=720", "signal=USR2@120", "mem=8GB", "job-name=romgrl"}
         assert flags <= set(re.findall(r"^#SBATCH --(\S+)$", script, re.MULTILINE))
 

@@ -53,7 +53,7 @@ def rounds(config: Config, barrier: Barrier, said: Path) -> None:
     """Need one teacher after the other, each at the same moment as the other processes."""
     for seed in range(ROUNDS):
         barrier.wait(60)
-        with said.open("a") as file:
+        with said.open("a", encoding="utf-8") as file:
             file.write(run(replace(config, seed=seed), seconds=0.1))
 
 
@@ -67,7 +67,7 @@ def test_one_of_many_processes_makes_it(teacher: Config, tmp_path: Path) -> None
         process.join(120)
     assert [process.exitcode for process in processes] == [0] * PROCESSES
     made = len(trainings(Path(teacher.paths.outputs)))
-    text = "".join(log.read_text() for log in logs)
+    text = "".join(log.read_text(encoding="utf-8") for log in logs)
     waited = re.findall(r"is being made by (?:process (\d+) on \S+ since \S+|another process); waiting for it", text)
     print(f"{PROCESSES} processes x {ROUNDS} rounds: {made} trainings, {len(waited)} waits")
     assert made == ROUNDS
@@ -96,7 +96,7 @@ def test_a_dead_owner_is_taken_over(teacher: Config, tmp_path: Path, takeovers: 
         owner.join(20)
         heir.join(20)
         assert heir.exitcode == 0
-        assert f"was left behind by process {owner.pid} on " in log.read_text()
+        assert f"was left behind by process {owner.pid} on " in log.read_text(encoding="utf-8")
         (published,) = (path for path in artifacts.iterdir() if path.is_dir())
         open_artifact(published, stage="teacher")
         taken += 1
@@ -109,7 +109,7 @@ def test_a_dead_owner_is_taken_over(teacher: Config, tmp_path: Path, takeovers: 
 
 def write_down(config: Config, log: Path) -> None:
     """Run a job and keep what it said."""
-    log.write_text(run(config))
+    log.write_text(run(config), encoding="utf-8")
 
 
 def wait_until(condition: object, seconds: float = 20.0) -> None:
@@ -148,7 +148,7 @@ def test_a_killed_pipeline_takes_its_workers_with_it(tmp_path: Path) -> None:
 def alive(process: int) -> bool:
     """Tell whether a process exists and has not ended."""
     try:
-        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+        return Path(f"/proc/{process}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()[0] != "Z"
     except FileNotFoundError:
         return False
 
@@ -156,7 +156,7 @@ def alive(process: int) -> bool:
 def notes(outputs: Path) -> list[str]:
     """What the fake stages wrote down so far."""
     path = outputs / "artifacts" / "calls.txt"
-    return path.read_text().splitlines() if path.exists() else []
+    return path.read_text(encoding="utf-8").splitlines() if path.exists() else []
 
 
 @pytest.mark.usefixtures("fakes")

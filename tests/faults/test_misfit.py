@@ -315,7 +315,7 @@ CASES: dict[str, tuple[str, str, Spoil, str]] = {
     "an empty table": (
         "report",
         "evaluation/mse.csv",
-        lambda b: (b.inputs["evaluation"] / "mse.csv").write_text(""),
+        lambda b: (b.inputs["evaluation"] / "mse.csv").write_text("", encoding="utf-8"),
         "cannot be read",
     ),
 }

@@ -159,7 +159,7 @@ def test_what_is_there_already_is_not_replaced(tmp_path: Path) -> None:
     make(tmp_path / "key")
     before = contents(tmp_path / "key")
     fill(tmp_path / "key.partial")
-    (tmp_path / "key.partial" / "curve.csv").write_text("step\n9\n")
+    (tmp_path / "key.partial" / "curve.csv").write_text("step\n9\n", encoding="utf-8")
     with pytest.raises(StorageError, match="not empty"):
         make(tmp_path / "key")
     assert contents(tmp_path / "key") == before
@@ -170,9 +170,9 @@ def test_set_aside_keeps_everything_under_names_of_their_own(tmp_path: Path) -> 
     for round_number in range(20):
         fill(tmp_path / "key.partial")
         make(tmp_path / "key")
-        (tmp_path / "key" / "curve.csv").write_text(str(round_number))
+        (tmp_path / "key" / "curve.csv").write_text(str(round_number), encoding="utf-8")
         aside = set_aside(tmp_path / "key")
-        assert (aside / "curve.csv").read_text() == str(round_number)
+        assert (aside / "curve.csv").read_text(encoding="utf-8") == str(round_number)
         assert aside.name.startswith("key.damaged-20")
         assert not (tmp_path / "key").exists()
         names.add(aside)

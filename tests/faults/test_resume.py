@@ -124,7 +124,7 @@ def test_columns_of_the_curve_do_not_depend_on_a_cut(
         train("student", config, tmp_path / "cut")
     recorder.again()
     train("student", config, tmp_path / "cut")
-    header = (tmp_path / "whole" / "curve.csv").read_text().splitlines()[0]
+    header = (tmp_path / "whole" / "curve.csv").read_text(encoding="utf-8").splitlines()[0]
     assert "critic_loss" in header
     assert files(tmp_path / "cut") == files(tmp_path / "whole")
 

@@ -70,7 +70,14 @@ def sweep(server: Server, directory: Path, *arguments: str) -> str:
     command = [sys.executable, "-m", "tests.pipeline.fake_stages", "-m", *common, *arguments]
     environment = os.environ | {"PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
     result = subprocess.run(
-        command, cwd=directory, env=environment, capture_output=True, text=True, timeout=240, check=False
+        command,
+        cwd=directory,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=240,
+        check=False,
+        encoding="utf-8",
     )
     assert result.returncode == 0
     return result.stderr + result.stdout

@@ -67,7 +67,7 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
     command = [MLFLOW, "server", "--host", "127.0.0.1", "--port", str(port), "--workers", "1"]
     command += ["--backend-store-uri", f"sqlite:///{directory}/server.db"]
     command += ["--artifacts-destination", str(directory / "artifacts")]
-    with (directory / "log").open("w") as log:
+    with (directory / "log").open("w", encoding="utf-8") as log:
         process = subprocess.Popen(command, stdout=log, stderr=log, start_new_session=True)
     try:
         wait_until(lambda: listening(port), 120)
@@ -334,7 +334,7 @@ def test_the_line_that_is_printed_listens_on_loopback_only(tmp_path: Path) -> No
     program, *rest = shlex.split(ui_command(default_uri(tmp_path)))
     command = [MLFLOW if program == "mlflow" else program, *rest, "--port", str(port)]
     environment = os.environ | {"MLFLOW_HOST": "0.0.0.0", "MLFLOW_WORKERS": "1"}
-    with (tmp_path / "log").open("w") as log:
+    with (tmp_path / "log").open("w", encoding="utf-8") as log:
         process = subprocess.Popen(command, stdout=log, stderr=log, start_new_session=True, env=environment)
     try:
         wait_until(lambda: listening(port), 120)
@@ -350,7 +350,7 @@ def listeners(port: int) -> set[str]:
     """Addresses that a port of this machine is listened to on, as the kernel writes them."""
     found = set()
     for table in ("/proc/net/tcp", "/proc/net/tcp6"):
-        for line in Path(table).read_text().splitlines()[1:]:
+        for line in Path(table).read_text(encoding="utf-8").splitlines()[1:]:
             _, local, _, state, *_ = line.split()
             address, _, number = local.partition(":")
             if int(number, 16) == port and state == "0A":

@@ -169,11 +169,11 @@ def configurations(mark: Path) -> dict[str, tuple[str, list[str]]]:
 
 def test_a_configuration_executes_nothing(mark: Path, tmp_path: Path) -> None:
     (tmp_path / "evil_package").mkdir()
-    (tmp_path / "evil_package" / "__init__.py").write_text(f"import os\nos.mkdir({str(mark)!r})\n")
+    (tmp_path / "evil_package" / "__init__.py").write_text(f"import os\nos.mkdir({str(mark)!r})\n", encoding="utf-8")
     refused, cases = 0, configurations(mark)
     variables = {"EVIL": "os.mkdir", "MARK": str(mark), "PYTHONPATH": f"{ROOT}:{tmp_path}", "OMP_NUM_THREADS": "1"}
     for case, (yaml, arguments) in cases.items():
-        (tmp_path / "evil.yaml").write_text(f"defaults: [config, _self_]\n{yaml}\n")
+        (tmp_path / "evil.yaml").write_text(f"defaults: [config, _self_]\n{yaml}\n", encoding="utf-8")
         arguments += ["stage=teacher", "tracking=none", f"paths.outputs={tmp_path}/outputs"]
         arguments += ["--config-dir", str(tmp_path), "--config-name", "evil"]
         result = subprocess.run(
@@ -184,6 +184,7 @@ def test_a_configuration_executes_nothing(mark: Path, tmp_path: Path) -> None:
             text=True,
             timeout=120,
             check=False,
+            encoding="utf-8",
         )
         told = result.stderr.splitlines()  # what is found in two places has two lines
         assert (result.returncode, len(told)) == (2, 2 if case == "referred to" else 1), f"{case}: {told}"
@@ -217,11 +218,11 @@ OUTSIDE = [
 
 @pytest.mark.usefixtures("mark")
 def test_names_that_lead_elsewhere_are_refused(artifact: Path) -> None:
-    (artifact.parent / "outside.csv").write_text("step,loss\n1,2\n")
-    pristine, refused = (artifact / "manifest.json").read_text(), 0
+    (artifact.parent / "outside.csv").write_text("step,loss\n1,2\n", encoding="utf-8")
+    pristine, refused = (artifact / "manifest.json").read_text(encoding="utf-8"), 0
     assert len(set(OUTSIDE)) == 40
     for name in OUTSIDE:
-        (artifact / "manifest.json").write_text(pristine)
+        (artifact / "manifest.json").write_text(pristine, encoding="utf-8")
         forge(artifact, lambda document: document["files"].update({name: document["files"].pop("curve.csv")}))  # noqa: B023
         with pytest.raises(ArtifactError) as caught:
             open_artifact(artifact)
@@ -280,7 +281,7 @@ FORGED: dict[str, Callable[[dict[str, Any]], object]] = {
 
 def texts(artifact: Path) -> dict[str, bytes]:
     """Manifests that are no manifest."""
-    whole = (artifact / "manifest.json").read_text()
+    whole = (artifact / "manifest.json").read_text(encoding="utf-8")
     document = json.loads(whole)
     files = json.loads(whole) | {"files": []}
     return {

@@ -28,15 +28,15 @@ class Killed(BaseException):
 def counting(config: Config, inputs: dict[str, Path], output: Path, log: StageLog) -> None:
     """A stage of ten steps with a checkpoint after each; ends early where told to."""
     state = output / CHECKPOINT / "steps.txt"
-    done = len(state.read_text()) if state.exists() else 0
+    done = len(state.read_text(encoding="utf-8")) if state.exists() else 0
     for step in range(done, 10):
-        with (output.parents[1] / "work.txt").open("a") as work:
+        with (output.parents[1] / "work.txt").open("a", encoding="utf-8") as work:
             work.write(f"{step} ")
         state.parent.mkdir(exist_ok=True)
-        state.write_text("." * (step + 1))
+        state.write_text("." * (step + 1), encoding="utf-8")
         if step == int(os.environ.get("STOP_AT", "-1")):
             raise DivergenceError("teacher: loss = nan at step 5")
-    (output / "data.csv").write_text("done\n")
+    (output / "data.csv").write_text("done\n", encoding="utf-8")
 
 
 @pytest.fixture
@@ -53,7 +53,10 @@ def run(config: Config) -> Path:
 
 def work(config: Config) -> list[int]:
     """Every step that was worked, in order."""
-    return [int(step) for step in (Path(config.paths.outputs) / "artifacts" / "work.txt").read_text().split()]
+    return [
+        int(step)
+        for step in (Path(config.paths.outputs) / "artifacts" / "work.txt").read_text(encoding="utf-8").split()
+    ]
 
 
 def test_the_same_command_goes_on(teacher: Config, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -117,7 +120,7 @@ def test_a_lost_note_costs_no_training(tmp_path: Path) -> None:
     place.note("abc", 12.5)
     again = workspace.Workspace(tmp_path / "key")
     assert (again.open(), again.run_id, again.seconds) == (True, "abc", 12.5)
-    (tmp_path / ".key.attempt").write_text("{torn")
+    (tmp_path / ".key.attempt").write_text("{torn", encoding="utf-8")
     third = workspace.Workspace(tmp_path / "key")
     assert (third.open(), third.run_id, third.seconds) == (True, None, 0.0)
     shutil.rmtree(place.partial)

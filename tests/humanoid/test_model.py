@@ -182,7 +182,7 @@ def test_missing_file_is_one_line(tmp_path: Path) -> None:
 )
 def test_wrong_file_is_one_line(tmp_path: Path, text: str) -> None:
     path = tmp_path / "robot.xml"
-    path.write_text(text)
+    path.write_text(text, encoding="utf-8")
     with pytest.raises(ConfigurationError, match=r"humanoid\.xml") as error:
         build(xml=path)
     assert "\n" not in str(error.value)

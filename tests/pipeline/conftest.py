@@ -22,9 +22,10 @@ def start(*arguments: str, module: str = "tests.pipeline.fake_stages", **variabl
         text=True,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
+        encoding="utf-8",
     )
 
 
 def trainings(outputs: Path) -> list[str]:
     """What the fake stages wrote down, without order."""
-    return sorted((outputs / "artifacts" / "calls.txt").read_text().splitlines())
+    return sorted((outputs / "artifacts" / "calls.txt").read_text(encoding="utf-8").splitlines())

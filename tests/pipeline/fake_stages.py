@@ -42,19 +42,21 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
     save_arrays(output / "data.npz", {"x": np.arange(4.0), "numbers": numbers, "upstream": np.array(sorted(inputs))})
     save_tensors(output / "policy.safetensors", {"w": torch.ones(2, 3)}, {})
     if stage == "evaluation":
-        (output / "mse.csv").write_text("channel,alignment,baseline,student,reduction_percent\naverage,raw,2,1,50\n")
+        (output / "mse.csv").write_text(
+            "channel,alignment,baseline,student,reduction_percent\naverage,raw,2,1,50\n", encoding="utf-8"
+        )
 
 
 def note(output: Path, file: str, *words: object) -> None:
     """Add a line to a file beside all artifacts."""
-    with (output.parents[1] / file).open("a") as lines:
+    with (output.parents[1] / file).open("a", encoding="utf-8") as lines:
         lines.write(" ".join(str(word) for word in words) + "\n")
 
 
 def wait_for(path: Path, lines: int) -> None:
     """Wait until a file has so many lines."""
     deadline = time.monotonic() + 60
-    while not path.exists() or len(path.read_text().splitlines()) < lines:
+    while not path.exists() or len(path.read_text(encoding="utf-8").splitlines()) < lines:
         assert time.monotonic() < deadline
         time.sleep(0.05)
 

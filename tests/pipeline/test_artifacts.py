@@ -31,8 +31,8 @@ def artifact(tmp_path: Path) -> Path:
     (directory / "figures").mkdir(parents=True)
     save_tensors(directory / "policy.safetensors", {"w": torch.arange(6.0).reshape(2, 3)}, {"network": "{}"})
     save_arrays(directory / "reference.npz", {"features": np.ones((7, 5)), "dt": 1 / 30, "episode": np.arange(7)})
-    (directory / "curve.csv").write_text("step,loss\n1,2\n")
-    (directory / "figures" / "a.txt").write_text("figure")
+    (directory / "curve.csv").write_text("step,loss\n1,2\n", encoding="utf-8")
+    (directory / "figures" / "a.txt").write_text("figure", encoding="utf-8")
     describe(directory)
     return directory
 
@@ -87,7 +87,7 @@ def test_manifest_describes_every_file(artifact: Path) -> None:
 def test_digest_depends_on_the_payload_only(artifact: Path) -> None:
     before = describe(artifact).digest
     assert describe(artifact).digest == before
-    (artifact / "curve.csv").write_text("step,loss\n1,3\n")
+    (artifact / "curve.csv").write_text("step,loss\n1,3\n", encoding="utf-8")
     assert describe(artifact).digest != before
 
 
@@ -111,9 +111,9 @@ def swap(directory: Path) -> None:
 
 def edit(directory: Path, change: Callable[[dict[str, object]], object]) -> None:
     path = directory / "manifest.json"
-    document = json.loads(path.read_text())
+    document = json.loads(path.read_text(encoding="utf-8"))
     change(document)
-    path.write_text(json.dumps(document))
+    path.write_text(json.dumps(document), encoding="utf-8")
 
 
 DAMAGE: dict[str, tuple[Callable[[Path], object], str]] = {
@@ -127,10 +127,13 @@ DAMAGE: dict[str, tuple[Callable[[Path], object], str]] = {
         "manifest.json: missing; this is not a fin",
     ),
     "half a manifest": (
-        lambda directory: (directory / "manifest.json").write_text("{"),
+        lambda directory: (directory / "manifest.json").write_text("{", encoding="utf-8"),
         "manifest.json: cannot be read",
     ),
-    "a list": (lambda directory: (directory / "manifest.json").write_text("[]"), "manifest.json: cannot be read"),
+    "a list": (
+        lambda directory: (directory / "manifest.json").write_text("[]", encoding="utf-8"),
+        "manifest.json: cannot be read",
+    ),
     "entry removed": (
         lambda directory: edit(directory, lambda m: m["files"].popitem()),
         "manifest.json: does not have its own",

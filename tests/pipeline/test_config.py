@@ -32,14 +32,14 @@ CHOICES = [f"{path.parent.name}={path.stem}" for path in FILES if path.parent.pa
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: f"{path.parent.name}/{path.stem}")
 def test_files_are_short(path: Path) -> None:
-    assert len(path.read_text().splitlines()) <= 25
+    assert len(path.read_text(encoding="utf-8").splitlines()) <= 25
 
 
 @pytest.mark.parametrize("choice", CHOICES)
 def test_every_choice_composes_and_is_valid(compose_config: Composer, choice: str, tmp_path: Path) -> None:
     extra = []
     if choice == "humanoid=humenv":
-        (tmp_path / "robot.xml").write_text(human_spec(height=1.7, mass=70).to_xml())
+        (tmp_path / "robot.xml").write_text(human_spec(height=1.7, mass=70).to_xml(), encoding="utf-8")
         extra = [f"humanoid.xml={tmp_path}/robot.xml"]
     config = compose_config(choice, *extra)
     validate(config)
@@ -192,7 +192,7 @@ def test_command_line_refuses_before_any_work(
 
 def test_reference_page_is_up_to_date() -> None:
     """`make docs` writes it."""
-    assert config_docs.PAGE.read_text() == config_docs.render()
+    assert config_docs.PAGE.read_text(encoding="utf-8") == config_docs.render()
 
 
 def test_stages_of_the_schema_are_those_of_the_graph() -> None:
@@ -209,5 +209,5 @@ def test_usual_budgets_are_those_of_the_groups_that_a_sweep_names(name: str, tea
         paths.prepend("stored", f"file://{ROOT}/sweeps")
         note_sweep(tmp_path, name, [], ConfigLoaderImpl(paths))
         chosen = compose("config", [f"teacher={teacher}"])
-    usual = json.loads((tmp_path / "sweep.json").read_text())["usual"]
+    usual = json.loads((tmp_path / "sweep.json").read_text(encoding="utf-8"))["usual"]
     assert usual == {f"{group}.total_steps": chosen[group].total_steps for group in ("teacher", "student")}

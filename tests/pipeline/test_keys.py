@@ -80,7 +80,7 @@ def test_no_imitation_makes_noise_and_eta_irrelevant(compose_config: Composer) -
 def test_a_model_file_counts_by_its_content(compose_config: Composer, tmp_path: Path) -> None:
     config, keys = compose_config(), []
     for name, text in (("a.xml", "<mujoco/>"), ("b.xml", "<mujoco/>"), ("c.xml", "<mujoco></mujoco>")):
-        (tmp_path / name).write_text(text)
+        (tmp_path / name).write_text(text, encoding="utf-8")
         keys.append(all_keys(replace(config, humanoid=replace(config.humanoid, xml=str(tmp_path / name)))))
     assert keys[0] == keys[1]
     assert all(keys[0][stage] != keys[2][stage] for stage in STAGES)

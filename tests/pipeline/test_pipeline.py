@@ -39,7 +39,9 @@ def test_all_stages_run_once_and_are_described(quiet: Config) -> None:
     finished, text = run(quiet)
     outputs = Path(quiet.paths.outputs)
     assert set(finished) == set(STAGES)
-    assert [line.split()[0] for line in (outputs / "artifacts" / "calls.txt").read_text().splitlines()] == list(STAGES)
+    assert [
+        line.split()[0] for line in (outputs / "artifacts" / "calls.txt").read_text(encoding="utf-8").splitlines()
+    ] == list(STAGES)
     for stage, path in finished.items():
         assert path.parent == outputs / "artifacts" / stage
         manifest = open_artifact(path, stage=stage)
@@ -74,7 +76,7 @@ def test_a_run_that_makes_nothing_imports_nothing_heavy(command: Command, tmp_pa
         "from romgrl.__main__ import main; from tests.pipeline import fake_stages; fake_stages.install(); main()"
     )
     process = [sys.executable, "-c", script, *arguments]
-    result = subprocess.run(process, cwd=ROOT, capture_output=True, text=True, check=True)
+    result = subprocess.run(process, cwd=ROOT, capture_output=True, text=True, check=True, encoding="utf-8")
     assert result.stdout.count(": reused; it took") == len(STAGES)
     assert result.stdout.splitlines()[-1] == "set()"
 
@@ -127,7 +129,7 @@ def test_exit_codes(command: Command, fault: str, code: int) -> None:
     assert result.stderr == ("teacher: loss = nan at step 7\n" if code == 4 else "")
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_signals(tmp_path: Path, number: signal.Signals) -> None:
     """What a terminal and a scheduler send: the stage stops at once, its directory is kept, no traceback."""
     arguments = ("experiment=smoke", "stage=teacher", "tracking=none", f"paths.outputs={tmp_path}/outputs")
@@ -145,7 +147,7 @@ def test_exit_code_of_a_damaged_artifact(command: Command, tmp_path: Path) -> No
     arguments = ("experiment=smoke", "stage=teacher", "tracking=none")
     assert command(*arguments).returncode == 0
     manifest = next((tmp_path / "outputs/artifacts/teacher").glob("*/manifest.json"))
-    manifest.write_text("{}")
+    manifest.write_text("{}", encoding="utf-8")
     result = command(*arguments)
     assert (result.returncode, len(result.stderr.splitlines())) == (3, 1)
     assert str(manifest) in result.stderr
@@ -188,6 +190,6 @@ def test_resolved_configuration(compose_config: Composer, monkeypatch: pytest.Mo
 @pytest.mark.usefixtures("fakes")
 def test_manifest_is_plain_json_without_places(quiet: Config, tmp_path: Path) -> None:
     finished, _ = run(quiet)
-    document = json.loads((finished["student"] / "manifest.json").read_text())
+    document = json.loads((finished["student"] / "manifest.json").read_text(encoding="utf-8"))
     assert str(tmp_path) not in json.dumps(document)
     assert document["config"]["discriminator.gradient_penalty"] == quiet.discriminator.gradient_penalty

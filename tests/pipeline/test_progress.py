@@ -19,7 +19,12 @@ def test_curve_widens_when_a_metric_appears(tmp_path: Path) -> None:
         log.metrics({"loss": 1.0}, 10)
         log.metrics({"accuracy": 0.5, "loss": 2.0}, 20)
         log.metrics({"loss": 3.0}, 30)
-    assert (tmp_path / "curve.csv").read_text().split() == ["step,loss,accuracy", "10,1.0,", "20,2.0,0.5", "30,3.0,"]
+    assert (tmp_path / "curve.csv").read_text(encoding="utf-8").split() == [
+        "step,loss,accuracy",
+        "10,1.0,",
+        "20,2.0,0.5",
+        "30,3.0,",
+    ]
     assert sent == [({"loss": 1.0}, 10), ({"accuracy": 0.5, "loss": 2.0}, 20), ({"loss": 3.0}, 30)]
 
 
@@ -52,13 +57,19 @@ def test_a_resumed_curve_has_every_row_once(tmp_path: Path) -> None:
     for rows in ([10, 20, 30], [20, 30, 40]):
         with TerminalLog("teacher", tmp_path, sink=lambda values, step: sent.append(step)) as log:
             if sent:
-                with (tmp_path / "curve.csv").open("a") as file:
+                with (tmp_path / "curve.csv").open("a", encoding="utf-8") as file:
                     file.write("35,0.")  # the process died while it wrote
                 log.resumed(15)
             for step in rows:
                 log.metrics({"loss": step / 10}, step)
     assert sent == [10, 20, 30, 40]
-    assert (tmp_path / "curve.csv").read_text().splitlines() == ["step,loss", "10,1.0", "20,2.0", "30,3.0", "40,4.0"]
+    assert (tmp_path / "curve.csv").read_text(encoding="utf-8").splitlines() == [
+        "step,loss",
+        "10,1.0",
+        "20,2.0",
+        "30,3.0",
+        "40,4.0",
+    ]
 
 
 def test_no_control_characters_where_there_is_no_terminal(

@@ -42,7 +42,7 @@ class Training:
 def times(outputs: Path) -> dict[str, Training]:
     """What the fake stages wrote down."""
     found = {}
-    for line in (outputs / "artifacts" / "times.txt").read_text().splitlines():
+    for line in (outputs / "artifacts" / "times.txt").read_text(encoding="utf-8").splitlines():
         stage, begin, end, *numbers = line.split()
         found[stage] = Training(float(begin), float(end), *map(int, numbers))
     return found
@@ -83,7 +83,12 @@ def test_the_baseline_trains_beside_the_others(command: Command, tmp_path: Path)
     for stage in STAGES:
         manifest = next((tmp_path / "outputs" / "artifacts" / stage).glob("*/manifest.json")).parent
         assert open_artifact(manifest).threads == found[stage].threads
-        assert (manifest / "curve.csv").read_text().split() == ["step,loss", "0,0.0", "10,1.0", "20,2.0"]
+        assert (manifest / "curve.csv").read_text(encoding="utf-8").split() == [
+            "step,loss",
+            "0,0.0",
+            "10,1.0",
+            "20,2.0",
+        ]
 
 
 @pytest.mark.parametrize("override", ["threads=1", "parallel_stages=false"])
@@ -155,11 +160,13 @@ def test_a_process_that_dies_is_named(tmp_path: Path) -> None:
 
 def children(process: int) -> list[int]:
     """Process ids of the workers of a job."""
-    listed = subprocess.run(["ps", "-o", "pid=,args=", "--ppid", str(process)], capture_output=True, text=True)
+    listed = subprocess.run(
+        ["ps", "-o", "pid=,args=", "--ppid", str(process)], capture_output=True, text=True, encoding="utf-8"
+    )
     return [int(line.split()[0]) for line in listed.stdout.splitlines() if "romgrl.worker" in line]
 
 
-@pytest.mark.parametrize(("number", "to_all"), [(signal.SIGINT, False), (signal.SIGTERM, True)])
+@pytest.mark.parametrize(("number", "to_all"), [(signal.SIGINT, False), (signal.SIGTERM, True), (signal.SIGHUP, False)])
 def test_signals_end_both_in_good_order(tmp_path: Path, number: signal.Signals, to_all: bool) -> None:
     """A terminal signals the job, a scheduler every process; checkpoints of both stages are kept."""
     outputs = tmp_path / "outputs"

@@ -24,9 +24,9 @@ GAIT = "walker,falls,mean_speed_m_per_s\nteacher,0,4.01\nstudent,1,3.9\nbaseline
 
 
 def test_tables_and_metrics(tmp_path: Path) -> None:
-    (tmp_path / "mse.csv").write_text(MSE)
-    (tmp_path / "distances.csv").write_text(DISTANCES)
-    (tmp_path / "gait.csv").write_text(GAIT)
+    (tmp_path / "mse.csv").write_text(MSE, encoding="utf-8")
+    (tmp_path / "distances.csv").write_text(DISTANCES, encoding="utf-8")
+    (tmp_path / "gait.csv").write_text(GAIT, encoding="utf-8")
     console = Console(file=io.StringIO(), width=100)
     for table in result_tables(tmp_path):
         console.print(table)

@@ -74,7 +74,9 @@ def test_one_run_per_stage_under_one_job(smoke_config: Config) -> None:
     }
     assert (outputs / "mlartifacts").is_dir()
     assert '"path": "tables/mse.json", "type": "table"' in runs["evaluation"].data.tags["mlflow.loggedArtifacts"]
-    table = json.loads(Path(client.download_artifacts(runs["evaluation"].info.run_id, "tables/mse.json")).read_text())
+    table = json.loads(
+        Path(client.download_artifacts(runs["evaluation"].info.run_id, "tables/mse.json")).read_text(encoding="utf-8")
+    )
     assert table["columns"] == ["channel, alignment", "student", "baseline", "reduction_percent"]
     assert table["data"] == [["average, raw", 1, 2, 50]]
     text = console.file.getvalue()
@@ -130,7 +132,7 @@ def test_four_processes_open_a_fresh_store_at_once(tmp_path: Path) -> None:
         "recorder.close(); sys.exit(run.run_id is None)"
     )
     command = [sys.executable, "-c", script, str(tmp_path)]
-    jobs = [subprocess.Popen(command, cwd=ROOT, stderr=subprocess.PIPE, text=True) for _ in range(4)]
+    jobs = [subprocess.Popen(command, cwd=ROOT, stderr=subprocess.PIPE, text=True, encoding="utf-8") for _ in range(4)]
     errors = [job.communicate(timeout=120)[1] for job in jobs]
     assert [job.returncode for job in jobs] == [0] * 4, errors
     assert errors == [""] * 4
@@ -143,7 +145,7 @@ def test_four_processes_open_a_fresh_store_at_once(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_store_that_fails_is_told_and_nothing_is_lost(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "mlflow.db").write_text("this is not a database")
+    (tmp_path / "mlflow.db").write_text("this is not a database", encoding="utf-8")
     recorder = open_recorder(None, "romgrl", tmp_path, enabled=True)
     run = recorder.start("x", tags={}, params={"a": 1})
     run.metrics({"m": 1.0}, 1)
@@ -255,12 +257,15 @@ def test_tables_are_logged_once(tmp_path: Path) -> None:
     store = Store(default_uri(tmp_path), tmp_path)
     run_id = store.request("create_run", store.experiment_id("romgrl")).info.run_id
     (tmp_path / "results").mkdir()
-    (tmp_path / "results" / "mse.csv").write_text("channel,student\npelvis_y,0.123456\n")
+    (tmp_path / "results" / "mse.csv").write_text("channel,student\npelvis_y,0.123456\n", encoding="utf-8")
     for _ in range(2):
         store.artifacts(run_id, tmp_path / "results")
     table = Path(store.request("download_artifacts", run_id, "tables/mse.json"))
-    assert json.loads(table.read_text()) == {"columns": ["channel", "student"], "data": [["pelvis_y", 0.1235]]}
-    (tmp_path / "results" / "gait.csv").write_text("")
+    assert json.loads(table.read_text(encoding="utf-8")) == {
+        "columns": ["channel", "student"],
+        "data": [["pelvis_y", 0.1235]],
+    }
+    (tmp_path / "results" / "gait.csv").write_text("", encoding="utf-8")
     with pytest.raises(RefusedError, match=r"gait\.csv: No columns"):
         store.artifacts(run_id, tmp_path / "results")
 

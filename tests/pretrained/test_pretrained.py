@@ -93,7 +93,7 @@ def test_nothing_that_ships_tells_about_a_machine(outputs: Path, place: Path, sh
     manifest = replace(read_manifest(place / "teacher"), run_id="a" * 32)
     write("teacher", manifest, made(outputs, "teacher"))
     assert read_manifest(shipped / "teacher").run_id is None
-    texts = [path.read_text() for path in shipped.rglob("*") if path.suffix in (".json", ".md", ".csv")]
+    texts = [path.read_text(encoding="utf-8") for path in shipped.rglob("*") if path.suffix in (".json", ".md", ".csv")]
     for private in ("a" * 32, str(outputs), str(Path.home()), platform.node(), os.sep + "tmp"):
         assert private
         assert not any(private in text for text in texts), private
@@ -101,7 +101,7 @@ def test_nothing_that_ships_tells_about_a_machine(outputs: Path, place: Path, sh
 
 
 def test_the_card_has_every_number_of_the_evaluation(outputs: Path, place: Path) -> None:
-    card = (place / "MODEL_CARD.md").read_text()
+    card = (place / "MODEL_CARD.md").read_text(encoding="utf-8")
     for stage in GROUPS:
         assert read_manifest(place / stage).digest in card
     shown = {text.strip() for line in card.splitlines() if line.startswith("|") for text in line.split("|")}
@@ -180,7 +180,7 @@ DAMAGES: dict[str, Callable[[Path], object]] = {
     "no policy": lambda path: (path / "policy.safetensors").unlink(),
     "another policy": lambda path: flip(path / "policy.safetensors"),
     "another manifest": lambda path: flip(path / "manifest.json"),
-    "more files": lambda path: (path / "more.csv").write_text("a\n"),
+    "more files": lambda path: (path / "more.csv").write_text("a\n", encoding="utf-8"),
 }
 
 
@@ -238,4 +238,4 @@ def test_the_package_and_its_preset_fit(compose_config: Composer) -> None:
     require_shipped(config)
     assert not [*misfits(config)]
     for stage in GROUPS:
-        assert read_manifest(PACKAGE / stage).digest in (PACKAGE / "MODEL_CARD.md").read_text()
+        assert read_manifest(PACKAGE / stage).digest in (PACKAGE / "MODEL_CARD.md").read_text(encoding="utf-8")

@@ -48,7 +48,7 @@ def write_shipped(place: Path, config: Config) -> Path:
     """Write what ships as manifests of trainings with this configuration; returns where."""
     for stage in GROUPS:
         (place / stage).mkdir(parents=True)
-        (place / stage / "content.txt").write_text(stage)
+        (place / stage / "content.txt").write_text(stage, encoding="utf-8")
         settings = json.loads(json.dumps(stage_settings(stage, config)))
         facts = {"inputs": {}, "versions": {}, "revision": None, "dirty": None, "seed": 0, "wall_time": 1.0}
         write_manifest(place / stage, stage=stage, key="0" * 16, config=settings, **facts)

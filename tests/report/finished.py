@@ -55,7 +55,9 @@ def write_trainings(inputs: Mapping[str, Path], *, rows: int = 40) -> None:
     pd.DataFrame(humanoid).to_csv(inputs["baseline"] / "curve.csv", index=False)
     pd.DataFrame(humanoid | judge | {"imitation_reward": share}).to_csv(inputs["student"] / "curve.csv", index=False)
     spells = [{"name": "standing_still", "first_step": 20480, "last_step": 40960}]
-    (inputs["student"] / "health.json").write_text(json.dumps({"verdict": "healthy", "now": [], "history": spells}))
+    (inputs["student"] / "health.json").write_text(
+        json.dumps({"verdict": "healthy", "now": [], "history": spells}), encoding="utf-8"
+    )
     for stage, path in inputs.items():
         write_manifest(
             path,

@@ -211,9 +211,9 @@ def test_stage_without_opengl(
     assert not list(output.glob("*.mp4"))
     assert (output / "report.html").stat().st_size < 8e6
     assert log.messages[0] == "no films, and stick figures for poses: no OpenGL here"
-    text = (output / "report.md").read_text()
+    text = (output / "report.md").read_text(encoding="utf-8")
     average = errors[(errors.channel == "average") & (errors.alignment == "aligned")].iloc[0]
     assert f"{average.reduction_percent:.1f} % below" in text
     assert all(f"({name}.png)" in text for name in names)
-    assert (output / "mse.md").read_text() in text
-    assert (output / "distances.md").read_text() in text
+    assert (output / "mse.md").read_text(encoding="utf-8") in text
+    assert (output / "distances.md").read_text(encoding="utf-8") in text

@@ -45,7 +45,7 @@ def finish(
         directory = outputs / "artifacts" / stage / key
         directory.mkdir(parents=True, exist_ok=True)
         settings = json.loads(json.dumps(stage_settings(stage, config)))
-        (directory / "content.txt").write_text(json.dumps([settings, inputs], sort_keys=True))
+        (directory / "content.txt").write_text(json.dumps([settings, inputs], sort_keys=True), encoding="utf-8")
         if stage == "evaluation":
             write_numbers(directory, student, baseline, gait or {}, comparable=comparable)
         made[stage] = write_manifest(

@@ -65,7 +65,7 @@ def test_results_have_fall_rates_over_seeds(outputs: Path) -> None:
     table = pd.read_csv(docs / "results" / "robustness_fall_rates.csv").set_index(["perturbation", "level", "walker"])
     row = table.loc[("push_forward", 0.3, "student")]
     assert (row.trials, row.fall_rate, row.low, row.high) == (200, pytest.approx(0.2), 0.1, 0.3)
-    text = (docs / "results.md").read_text()
+    text = (docs / "results.md").read_text(encoding="utf-8")
     assert "| push forward | 0.3 | N s/kg | 20 % | 100 % |" in text  # at 0.6 most students fall
     assert "| mass | 0.8 | share | 0 % | 100 % |" in text
     assert "| mass | 1.2 | share | 0 % | 100 % |" in text

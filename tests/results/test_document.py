@@ -22,7 +22,11 @@ from tests.results.test_sweeps import swept
 @pytest.fixture(autouse=True)
 def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(statistics, "RESAMPLES", 999)
-    monkeypatch.setattr(joint, "draw", lambda cells, jobs, title, directory: (directory / "by_x.png").write_text(title))
+    monkeypatch.setattr(
+        joint,
+        "draw",
+        lambda cells, jobs, title, directory: (directory / "by_x.png").write_text(title, encoding="utf-8"),
+    )
     monkeypatch.setenv(SWEEP_VARIABLE, "")
 
 
@@ -32,7 +36,7 @@ def stored(outputs: Path, config: Config, place: str, name: str, values: dict[st
     path = sweep.directory / "sweep.json"
     command = f"python -m romgrl --config-dir /home/me/sweeps --config-name {name} paths.outputs=/home/me/o"
     changes = {"name": name, "command": command, "started": len(place)}
-    path.write_text(json.dumps(json.loads(path.read_text()) | changes))
+    path.write_text(json.dumps(json.loads(path.read_text(encoding="utf-8")) | changes), encoding="utf-8")
     sweep.directory.rename(outputs / "sweeps" / place)
 
 
@@ -43,11 +47,14 @@ def test_every_sweep_with_its_command_its_tables_and_its_proofs(default_config: 
     stored(outputs, default_config, "aa", "paper", {"speed": ["4.0"], "seed": ["3"]})  # more seeds, another time
     stored(outputs, changed(default_config, "student.total_steps=1000"), "aaa", "eta", {"eta": ["0.3", "0.7"]})
     for path in outputs.glob("sweeps/aaa/sweep.json"):
-        path.write_text(json.dumps(json.loads(path.read_text()) | {"usual": {"student.total_steps": 2000}}))
+        path.write_text(
+            json.dumps(json.loads(path.read_text(encoding="utf-8")) | {"usual": {"student.total_steps": 2000}}),
+            encoding="utf-8",
+        )
     readme = tmp_path / "README.md"
-    readme.write_text(f"before\n{START}\nold\n{END}\nafter\n")
+    readme.write_text(f"before\n{START}\nold\n{END}\nafter\n", encoding="utf-8")
     assert main([str(outputs), str(docs), str(readme)]) == 0
-    text = (docs / "results.md").read_text()
+    text = (docs / "results.md").read_text(encoding="utf-8")
     assert text.count("    python -m romgrl --config-dir sweeps --config-name paper\n") == 1
     assert str(tmp_path) not in text
     assert "/home" not in text
@@ -66,7 +73,7 @@ def test_every_sweep_with_its_command_its_tables_and_its_proofs(default_config: 
     for digest in jobs["digest"].dropna():
         assert f"| {digest[:16]} |" in text
 
-    table = readme.read_text()
+    table = readme.read_text(encoding="utf-8")
     assert table.startswith("before\n")
     assert table.endswith("after\n")
     assert "old" not in table
@@ -77,10 +84,10 @@ def test_every_sweep_with_its_command_its_tables_and_its_proofs(default_config: 
 def test_a_second_writing_replaces_the_first(default_config: Config, tmp_path: Path) -> None:
     stored(tmp_path, default_config, "a", "eta", {"eta": ["0.3", "0.7"]})
     assert main([str(tmp_path), str(tmp_path / "docs")]) == 0
-    (tmp_path / "docs" / "results" / "eta_by_noise.png").write_text("of an older sweep")
-    first = (tmp_path / "docs" / "results.md").read_text()
+    (tmp_path / "docs" / "results" / "eta_by_noise.png").write_text("of an older sweep", encoding="utf-8")
+    first = (tmp_path / "docs" / "results.md").read_text(encoding="utf-8")
     assert main([str(tmp_path), str(tmp_path / "docs")]) == 0
-    assert (tmp_path / "docs" / "results.md").read_text() == first
+    assert (tmp_path / "docs" / "results.md").read_text(encoding="utf-8") == first
     names = sorted(path.name for path in (tmp_path / "docs" / "results").iterdir())
     assert names == ["eta_by_x.png", "eta_cells.csv", "eta_jobs.csv"]
 

@@ -26,8 +26,8 @@ def test_a_sweep_goes_on_where_it_stopped_and_joins_its_jobs(command: Command, t
     first = counted(outputs)
     assert first == {"teacher": 1, "reference": 1, "student": 2, "baseline": 1, "evaluation": 2}
     table = next(outputs.glob("sweeps/*/results/table.md"))
-    assert table.read_text().count("evaluation: loss = nan at step 7") == 2
-    assert "- eta=0.5: " in table.read_text()
+    assert table.read_text(encoding="utf-8").count("evaluation: loss = nan at step 7") == 2
+    assert "- eta=0.5: " in table.read_text(encoding="utf-8")
 
     again = command(*SWEEP)
     assert again.returncode == 0, again.stderr
@@ -39,8 +39,10 @@ def test_a_sweep_goes_on_where_it_stopped_and_joins_its_jobs(command: Command, t
     assert rows[["eta", "seeds", "mean"]].to_numpy().tolist() == [[0.3, 1, 50.0], [0.5, 1, 50.0]]
     assert set(rows["note"]) == {"one seed, short budget"}
     stored = list(outputs.glob("mlartifacts/**/table.md"))  # of the parent run
-    assert [path.read_text() for path in stored] == [(sweep.directory / "results" / "table.md").read_text()]
-    assert "| 0.3 | - | - | - | - | 50 |" in stored[0].read_text()
+    assert [path.read_text(encoding="utf-8") for path in stored] == [
+        (sweep.directory / "results" / "table.md").read_text(encoding="utf-8")
+    ]
+    assert "| 0.3 | - | - | - | - | 50 |" in stored[0].read_text(encoding="utf-8")
     assert stored[0].with_name("jobs.csv").exists()
 
 

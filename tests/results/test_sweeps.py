@@ -72,7 +72,7 @@ def test_a_row_per_cell_with_its_statistics(default_config: Config, tmp_path: Pa
     assert error["improvement"] == 1.0  # every student below every baseline
     assert math.isnan(error["note"]) if isinstance(error["note"], float) else error["note"] == ""
     assert cells.loc[(0.7, "average/aligned/student"), "seeds"] == 2
-    text = (directory / "table.md").read_text()
+    text = (directory / "table.md").read_text(encoding="utf-8")
     assert "- eta=0.7 seed=1: student: loss = nan at step 7" in text
     row = next(line for line in text.splitlines() if line.startswith("| 0.3 |"))
     assert f"| {100 * (1 - (0.016 / 0.1 + 0.017 / 0.11 + 0.018 / 0.12) / 3):.3g} [" in row
@@ -85,20 +85,20 @@ def test_two_keys_have_a_map_and_one_seed_is_told(default_config: Config, tmp_pa
     cells = pd.read_csv(directory / "cells.csv")
     assert set(cells["note"]) == {"one seed, short budget"}
     assert cells["low"].isna().all()
-    assert (directory / "table.md").read_text().count("one seed, short budget") == 4
+    assert (directory / "table.md").read_text(encoding="utf-8").count("one seed, short budget") == 4
     assert pd.read_csv(directory / "jobs.csv")["budget"].tolist() == ["student.total_steps 1000 of 2000"] * 4
 
 
 def test_jobs_that_were_lost_and_artifacts_that_are_damaged(default_config: Config, tmp_path: Path) -> None:
     sweep = swept(tmp_path, default_config, {"seed": ["0", "1"]})
-    (tmp_path / "sweeps" / "2030-01-01" / "jobs.jsonl").write_text("")
+    (tmp_path / "sweeps" / "2030-01-01" / "jobs.jsonl").write_text("", encoding="utf-8")
     directory = write_joint(read_sweep(sweep.directory), tmp_path)
-    assert (directory / "table.md").read_text().count(UNFINISHED) == 2
-    assert "No job has numbers to compare." in (directory / "table.md").read_text()
+    assert (directory / "table.md").read_text(encoding="utf-8").count(UNFINISHED) == 2
+    assert "No job has numbers to compare." in (directory / "table.md").read_text(encoding="utf-8")
     for path in tmp_path.glob("artifacts/evaluation/*/mse.csv"):
-        path.write_text("damaged\n")
+        path.write_text("damaged\n", encoding="utf-8")
     directory = write_joint(sweep, tmp_path)
-    assert (directory / "table.md").read_text().count("SHA-256") == 2
+    assert (directory / "table.md").read_text(encoding="utf-8").count("SHA-256") == 2
 
 
 def test_a_job_that_ran_again_counts_as_it_ended_last(tmp_path: Path) -> None:
@@ -172,7 +172,7 @@ def test_every_two_of_three_keys_have_a_map_over_the_rest(default_config: Config
 
 def test_best_jobs_cost_and_reuse(default_config: Config, tmp_path: Path) -> None:
     sweep = swept(tmp_path, default_config, {"eta": ["0.3", "0.7"], "seed": ["0", "1"]})
-    text = (write_joint(sweep, tmp_path) / "table.md").read_text()
+    text = (write_joint(sweep, tmp_path) / "table.md").read_text(encoding="utf-8")
     best = text.partition("## Best jobs")[2].splitlines()[4]
     assert best.startswith("| 0.3 | 1 | 84.5 | 0.017 | 84.5 | 0 | 4 | ")  # 1 - 0.017 / 0.11
     rows = {row[1]: row[2:7] for line in text.splitlines() if len(row := [x.strip() for x in line.split("|")]) == 8}
@@ -181,13 +181,13 @@ def test_best_jobs_cost_and_reuse(default_config: Config, tmp_path: Path) -> Non
     assert "14.0 minutes of training and measuring, one stage after the other; 6.0 more were saved." in text
     for path in tmp_path.glob("artifacts/baseline/*/manifest.json"):
         os.utime(path, (0.0, 0.0))  # older than the sweep
-    text = (write_joint(sweep, tmp_path) / "table.md").read_text()
+    text = (write_joint(sweep, tmp_path) / "table.md").read_text(encoding="utf-8")
     assert "12.0 minutes of training and measuring, one stage after the other; 8.0 more were saved." in text
 
 
 def test_students_without_a_baseline_are_told_by_their_errors(default_config: Config, tmp_path: Path) -> None:
     sweep = swept(tmp_path, default_config, {"eta": ["0.3", "0.7"]}, baseline=math.nan)
-    text = (write_joint(sweep, tmp_path) / "table.md").read_text()
+    text = (write_joint(sweep, tmp_path) / "table.md").read_text(encoding="utf-8")
     row = next(line for line in text.splitlines() if line.startswith("| 0.7 |"))
     assert [cell.strip() for cell in row.split("|")][2:5] == ["-", "-", "0.024"]
     assert row.endswith("| one seed, baseline falls |")

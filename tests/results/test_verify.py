@@ -91,7 +91,7 @@ def test_only_the_settings_that_were_asked_for(verify: Composer, tmp_path: Path)
     old = finish(tmp_path, verify("seed=1"), student=0.09, revision="b" * 40)
     again = finish(tmp_path, verify("seed=1"), revision="c" * 40)
     damaged = finish(tmp_path, verify("seed=4"))
-    (damaged / "mse.csv").write_text("x\n")
+    (damaged / "mse.csv").write_text("x\n", encoding="utf-8")
     selection = select(tmp_path, verify())
     assert [each.directory for each in selection.used] == [mine[0], again, mine[2]]
     assert selection.seeds == [0, 1, 2]

@@ -141,7 +141,9 @@ def test_metrics(tmp_path: Path) -> None:
         for (name, walker), values in rates.items()
         for level, rate in enumerate(values)
     ]
-    (tmp_path / "robustness.csv").write_text("\n".join(["perturbation,level,walker,fall_rate", *lines]))
+    (tmp_path / "robustness.csv").write_text(
+        "\n".join(["perturbation,level,walker,fall_rate", *lines]), encoding="utf-8"
+    )
     metrics = robustness_metrics(tmp_path)
     assert metrics["push_forward/0.2/student/fall_rate"] == 0.5
     assert metrics["push_forward/student/survived"] == 0.1  # what survives more than a lethal push does not count
@@ -149,7 +151,7 @@ def test_metrics(tmp_path: Path) -> None:
     assert "mass/student/survived" not in metrics
     assert len(metrics) == 12 + 1
     (tmp_path / "floquet.csv").write_text(
-        "strides,rank,modulus,low,high\n1,1,0.9,0.8,0.95\n1,2,0.3,,\n8,1,0.88,0.87,\n"
+        "strides,rank,modulus,low,high\n1,1,0.9,0.8,0.95\n1,2,0.3,,\n8,1,0.88,0.87,\n", encoding="utf-8"
     )
     orbit = {name: value for name, value in robustness_metrics(tmp_path).items() if name.startswith("teacher/")}
     assert orbit == {"teacher/multiplier": 0.88, "teacher/multiplier_low": 0.87}

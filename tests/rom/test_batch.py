@@ -184,7 +184,9 @@ os.write(1, f"{worlds['features'].sum(dtype=np.float64)} ".encode())
 del worlds
 sys.exit(status)
 """
-    result = subprocess.run([sys.executable, "-c", code, engine], capture_output=True, text=True, timeout=60)
+    result = subprocess.run(
+        [sys.executable, "-c", code, engine], capture_output=True, text=True, timeout=60, encoding="utf-8"
+    )
     assert result.returncode == 0, result.stderr
     assert len(set(result.stdout.split())) == 1
     assert len(result.stdout.split()) == 2

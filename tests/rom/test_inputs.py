@@ -179,7 +179,9 @@ for trial in range(400):
         refused += 1
 print(refused, stepped)
 """
-    result = subprocess.run([sys.executable, "-c", code, engine], capture_output=True, text=True, timeout=120)
+    result = subprocess.run(
+        [sys.executable, "-c", code, engine], capture_output=True, text=True, timeout=120, encoding="utf-8"
+    )
     assert result.returncode == 0, result.stderr
     refused, stepped = map(int, result.stdout.split())
     assert refused > 50

@@ -155,7 +155,7 @@ def test_a_line_when_it_begins_and_a_history(compose_config: Composer, tmp_path:
             assert health_tags(tmp_path) == {"romgrl.discriminator_health": "too short to tell"}
     (message,) = log.messages
     assert message.startswith("discriminator: saturated at step 8,000: accuracy 1.00 and 0.99")
-    document = json.loads((tmp_path / "health.json").read_text())
+    document = json.loads((tmp_path / "health.json").read_text(encoding="utf-8"))
     assert document["verdict"] == "healthy"
     assert document["history"] == [{"name": "saturated", "first_step": 8000, "last_step": 13000}]
     assert health_tags(tmp_path) == {"romgrl.discriminator_health": "healthy"}
@@ -189,7 +189,7 @@ def test_a_training_is_forced_into_it(
     config = compose_config(*STUDENT, *often)
     student.run(config, {"reference": write_reference(tmp_path / "reference")}, tmp_path, log)
     assert len([message for message in log.messages if message.startswith(f"discriminator: {name} at step")]) == 1
-    document = json.loads((tmp_path / "health.json").read_text())
+    document = json.loads((tmp_path / "health.json").read_text(encoding="utf-8"))
     assert name in document["verdict"].split(", ")
     assert {"collapsed": "saturated", "saturated": "collapsed"}[name] not in document["verdict"]
     assert document["now"][0]["advice"]

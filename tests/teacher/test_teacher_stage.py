@@ -65,7 +65,7 @@ def test_stage_writes_policy_curve_and_gait(compose_config: Composer, tmp_path: 
     log = train(compose_config(*SMALL, "teacher.total_steps=1000"), tmp_path / "run")
     policy = load_policy(tmp_path / "run" / "policy.safetensors")
     assert policy(np.zeros((3, 20), np.float32)).shape == (3, 2)
-    with (tmp_path / "run" / "gait.csv").open() as file:
+    with (tmp_path / "run" / "gait.csv").open(encoding="utf-8") as file:
         (row,) = csv.DictReader(file)
     assert row["walker"] == "teacher"
     assert float(row["episodes"]) == 4
@@ -124,7 +124,7 @@ def test_default_teacher_runs_at_4_metres_per_second(compose_config: Composer, s
     torch.set_num_threads(2)
     assert config.teacher.total_steps <= 1_500_000
     train(config, tmp_path / "teacher")
-    with (tmp_path / "teacher" / "gait.csv").open() as file:
+    with (tmp_path / "teacher" / "gait.csv").open(encoding="utf-8") as file:
         row = {name: float(value) for name, value in next(csv.DictReader(file)).items() if name != "walker"}
     assert row["episodes"] == 100
     assert row["falls"] == 0
