@@ -16,7 +16,7 @@ from romgrl.addresses import as_typed
 from romgrl.composition import first_line, problems, register_schema
 from romgrl.errors import ConfigurationError
 from romgrl.loading import Loader, stored_sweep
-from romgrl.typed_text import is_text
+from romgrl.typed_text import is_any_text
 from romgrl.validation import (
     allowed,
     bad_value,
@@ -119,7 +119,7 @@ def unreadable(text: str) -> str:
     line = f"{one_line(text)}: cannot be read; write key=value"
     if "=" not in text or not key:
         return line
-    if is_text(key):
+    if is_any_text(key):
         return f"{one_line(text)}: cannot be read; {in_quotes(key, value)}"
     entry = schema_keys().get(key)
     return f"{line}; {unknown_key(key)}" if entry is None else f"{line}; allowed: {allowed(entry)}"
@@ -128,7 +128,8 @@ def unreadable(text: str) -> str:
 def in_quotes(key: str, value: str) -> str:
     """How text is written that Hydra reads as something else, to be pasted into a shell."""
     whole = len(value) <= LONGEST_QUOTED and value.isprintable() and not value.startswith(("'", '"'))
-    return f"put it in quotes, for the shell too: {as_typed(key, value if whole else '...')}"
+    example = as_typed(key, value) if whole else f"\"{key}='...'\""
+    return f"put it in quotes, for the shell too: {example}"
 
 
 def given_twice(overrides: Sequence[str]) -> Iterator[str]:
@@ -159,7 +160,7 @@ def override_faults(override: Override, loader: Loader) -> Iterator[str]:
         yield f"{text}: {key} is there already; write {text[1:]}"
     elif override.is_sweep_override() and not override.is_discrete_sweep():
         yield f"{text}: has no end; list the values of {key}; allowed: {permitted(key, choices)}"
-    elif is_text(key) and any(isinstance(value, list | dict) for value in values_of(override)) and not choices:
+    elif is_any_text(key) and any(isinstance(value, list | dict) for value in values_of(override)):
         yield f"{bad_value(key, override.value())}; {in_quotes(key, (override.input_line or '').partition('=')[2])}"
     elif not values_of(override):
         yield f"{text}: names no value of {key}; allowed: {permitted(key, choices)}"
@@ -206,7 +207,7 @@ def sweep_without_flag(override: Override) -> str:
     """The line of several values where one is wanted; those of text may be one with a comma in it."""
     text, key = override.input_line or "", override.key_or_group
     line = f"{one_line(text)}: is a sweep over several values; put -m before the keys"
-    comma = override.value_type == ValueType.SIMPLE_CHOICE_SWEEP and is_text(key) and "/" not in key
+    comma = override.value_type == ValueType.SIMPLE_CHOICE_SWEEP and is_any_text(key)
     return f"{line}, or where it is one value, {in_quotes(key, text.partition('=')[2])}" if comma else line
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from antlr4 import InputStream, Token
+from antlr4 import InputStream, Token  # type: ignore[import-untyped]
 from hydra._internal.core_plugins.file_config_source import FileConfigSource
 from hydra._internal.sources_registry import SourcesRegistry
 from hydra.core.override_parser.overrides_visitor import HydraErrorListener
@@ -49,6 +49,13 @@ def is_text(key: str) -> bool:
     if entry is None:
         return key in TEXT_OF_HYDRA or key in schema_groups() or "/" in key
     return kind_of(entry).item == "str" and not kind_of(entry).many
+
+
+def is_any_text(key: str) -> bool:
+    """Tell whether a key takes any text, not one of a few choices."""
+    entry = schema_keys().get(key)
+    chosen = key in schema_groups() or "/" in key if entry is None else entry.metadata["choices"] or key == "experiment"
+    return is_text(key) and not chosen
 
 
 def quoted(override: str) -> str:

@@ -14,6 +14,7 @@ SOURCES = sorted((ROOT / "romgrl").rglob("*.py"))
 LEARNING = {"algorithms", "networks", "buffers", "normalizer", "lanes", "limits"}
 WORLDS = {"rom", "humanoid"}
 WIRING = {"__main__", "command_line", "composition", "loading", "sweep", "config_docs", "targets", "draws"}
+WIRING |= {"sweep_directory", "typed_text", "whole_paths"}
 BELOW_STAGES = (
     LEARNING
     | WORLDS
@@ -31,7 +32,19 @@ ALLOWED = {
     "humanoid": {"humanoid", "errors", "config"},
     "gait": {"gait", "errors"},
     "report": {"report", "gait", "artifacts", "errors", "config", "rom", "humanoid"},
-    "results": {"results", "report", "artifacts", "config", "errors", "gait", "keys", "summary", "validation"},
+    "addresses": set(),
+    "results": {
+        "addresses",
+        "results",
+        "report",
+        "artifacts",
+        "config",
+        "errors",
+        "gait",
+        "keys",
+        "summary",
+        "validation",
+    },
     "artifacts": {"errors"},
     "checkpoint": {"artifacts", "errors"},
     "interruption": set(),
@@ -41,7 +54,7 @@ ALLOWED = {
     "stages": BELOW_STAGES,
     "validation": {"config"},
     "misfits": {"config", "errors", "places", "pretrained", "validation", "rom", "humanoid", "gait"},
-    "places": {"config", "journal", "validation"},
+    "places": {"addresses", "config", "journal", "validation"},
     "keys": {"config", "pretrained", "provenance", "sources", "validation"},
     "pretrained": {
         "artifacts",
@@ -61,8 +74,8 @@ ALLOWED = {
     "summary": {"gait"},
     "titles": {"artifacts", "config", "keys", "progress", "results", "summary", "validation"},
     "journal": set(),
-    "recorder": {"errors", "journal", "tracking_process"},
-    "tracking": {"artifacts", "errors", "journal", "recorder", "summary"},
+    "recorder": {"addresses", "errors", "journal", "tracking_process"},
+    "tracking": {"addresses", "artifacts", "errors", "journal", "recorder", "summary"},
     "remote": {"artifacts", "errors", "recorder"},
     "tracking_process": set(),
     "pipeline": {
@@ -100,9 +113,12 @@ ALLOWED = {
     "worker": {"artifacts", "config", "errors", "interruption", "progress"},
     "composition": {"config", "draws", "errors", "misfits", "targets", "validation"},
     "draws": set(),
-    "loading": {"composition", "targets", "validation"},
-    "command_line": {"composition", "errors", "loading", "validation"},
-    "targets": set(),
+    "loading": {"composition", "targets", "typed_text", "validation"},
+    "typed_text": {"addresses", "validation"},
+    "whole_paths": {"addresses"},
+    "sweep_directory": {"addresses", "errors", "launch", "validation"},
+    "command_line": {"addresses", "typed_text", "composition", "errors", "loading", "validation"},
+    "targets": {"typed_text", "whole_paths"},
     "launch": {"config", "errors", "interruption", "pipeline", "results"},
     "endings": {"errors"},
     "sweep": {
@@ -115,6 +131,7 @@ ALLOWED = {
         "provenance",
         "recorder",
         "results",
+        "sweep_directory",
     },
     "config_docs": {"composition", "config", "validation"},
     "__main__": {"command_line", "composition", "endings", "errors", "launch", "usage"},
