@@ -50,11 +50,11 @@ def joined(arguments: Sequence[str]) -> Iterator[str]:
     for text in rest:
         name, equals, value = text.partition("=")
         option = NAMING.get(name)
-        value = value if equals or option is None else next(rest, None)
-        if option is None or value is None:
+        named = value if equals or option is None else next(rest, None)
+        if option is None or named is None:
             yield text
         else:
-            yield f"{option}={os.path.expanduser(value) if option == '--config-dir' else value}"
+            yield f"{option}={os.path.expanduser(named) if option == '--config-dir' else named}"
 
 
 def faults(arguments: Sequence[str]) -> list[str]:

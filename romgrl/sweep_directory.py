@@ -1,4 +1,4 @@
-"""The directory of a sweep, its own while it runs; a sweep that is started again in the one given for it goes on there."""
+"""The directory of a sweep: its own while it runs, and where a sweep that is started again goes on if told to."""
 
 from __future__ import annotations
 
