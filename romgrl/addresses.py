@@ -20,8 +20,9 @@ def absolute(text: str) -> str:
 
 
 def sqlite_address(path: Path, query: str = "") -> str:
-    """The address of an SQLite database, which SQLAlchemy and MLflow unquote."""
-    return f"{SQLITE}{quote(str(path))}{query and '?'}{query}"
+    """The address of an SQLite database, with quotes for what SQLAlchemy reads as something else."""
+    name = re.sub(r"[%?]", lambda sign: quote(sign[0]), str(path))
+    return f"{SQLITE}{name}{query and '?'}{query}"
 
 
 def sqlite_path(address: str) -> Path | None:

@@ -14,7 +14,7 @@ from typing import Any
 
 import yaml
 from antlr4 import InputStream, Token  # type: ignore[import-untyped]
-from hydra._internal.core_plugins.file_config_source import FileConfigSource
+from hydra._internal.core_plugins import file_config_source
 from hydra._internal.sources_registry import SourcesRegistry
 from hydra.core.override_parser.overrides_visitor import HydraErrorListener
 from hydra.core.plugins import Plugins
@@ -101,8 +101,11 @@ def quote_stored_sweep(config: DictConfig) -> None:
         parameters[key] = quoted(f"{key}={value}").partition("=")[2]
 
 
-class TextSource(FileConfigSource):
-    """A directory of YAML files, in which keys of text have the text of the file."""
+class FileConfigSource(file_config_source.FileConfigSource):
+    """A directory of YAML files, in which keys of text have the text of the file.
+
+    It has the name of Hydra's own, for which Hydra then takes it in the processes of launchers, too.
+    """
 
     def load_config(self, config_path: str) -> ConfigResult:
         """Load a file as Hydra does. Raises HydraException for one whose `# @package` does not count."""
@@ -124,9 +127,9 @@ class TextSource(FileConfigSource):
 
 
 def use_text_source() -> None:
-    """Have Hydra read files through TextSource."""
+    """Have Hydra read files through the class above."""
     Plugins.instance()  # finds Hydra's own first
-    SourcesRegistry.instance().types["file"] = TextSource
+    SourcesRegistry.instance().types["file"] = FileConfigSource
 
 
 def check_header(path: Path, text: str) -> None:
