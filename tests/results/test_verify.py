@@ -27,7 +27,7 @@ LONG = ("evaluation.episodes=100", "evaluation.steps=1000")
 def printed(config: Config) -> str:
     """What the command prints."""
     console = Console(record=True, width=200, file=io.StringIO())
-    assert run(config, name=f"speed={config.speed:g} stage=verify seed=3", console=console) == {}
+    assert run(config, overrides=[f"speed={config.speed:g}", "stage=verify", "seed=3"], console=console) == {}
     return console.export_text()
 
 
