@@ -9,12 +9,14 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from hydra._internal.utils import get_args_parser
-from hydra.core.override_parser.types import Override
+from hydra.core.override_parser.types import Override, ValueType
 from hydra.types import RunMode
 
+from romgrl.addresses import as_typed
 from romgrl.composition import first_line, problems, register_schema
 from romgrl.errors import ConfigurationError
 from romgrl.loading import Loader, stored_sweep
+from romgrl.typed_text import is_any_text
 from romgrl.validation import (
     allowed,
     bad_value,
@@ -28,12 +30,31 @@ from romgrl.validation import (
 )
 
 LONGEST_MESSAGE = 300  # characters of what argparse says
+LONGEST_QUOTED = 200  # characters of a value that a line repeats in quotes
 OPTIONS = ("--cfg", "--config-dir", "--config-name", "--config-path", "--help", "--info", "--multirun", "--package")
+
+NAMING = {option: option for option in ("--config-dir", "--config-name", "--config-path", "--package")}
+NAMING |= {"-cd": "--config-dir", "-cn": "--config-name", "-cp": "--config-path", "-p": "--package"}
 
 
 def flags_first(arguments: Sequence[str]) -> list[str]:
     """Put options before overrides, so that -m may stand anywhere; Hydra's parser wants it so."""
-    return sorted(arguments, key=lambda text: not text.startswith("-") and ("=" in text or text[:1] in ("~", "+")))
+    return sorted(
+        joined(arguments), key=lambda text: not text.startswith("-") and ("=" in text or text[:1] in ("~", "+"))
+    )
+
+
+def joined(arguments: Sequence[str]) -> Iterator[str]:
+    """Yield the arguments, each option that names something in one piece with it, and directories with ~ expanded."""
+    rest = iter(arguments)
+    for text in rest:
+        name, equals, value = text.partition("=")
+        option = NAMING.get(name)
+        named = value if equals or option is None else next(rest, None)
+        if option is None or named is None:
+            yield text
+        else:
+            yield f"{option}={os.path.expanduser(named) if option == '--config-dir' else named}"
 
 
 def faults(arguments: Sequence[str]) -> list[str]:
@@ -93,12 +114,22 @@ def read_options(arguments: Sequence[str]) -> tuple[Namespace | None, list[str]]
 
 def unreadable(text: str) -> str:
     """The line of an argument that is no override, with what its key takes where it has one."""
-    key = text.partition("=")[0].lstrip("+~")
+    key, _, value = text.partition("=")
+    key = key.lstrip("+~")
     line = f"{one_line(text)}: cannot be read; write key=value"
     if "=" not in text or not key:
         return line
+    if is_any_text(key):
+        return f"{one_line(text)}: cannot be read; {in_quotes(key, value)}"
     entry = schema_keys().get(key)
     return f"{line}; {unknown_key(key)}" if entry is None else f"{line}; allowed: {allowed(entry)}"
+
+
+def in_quotes(key: str, value: str) -> str:
+    """How text is written that Hydra reads as something else, to be pasted into a shell."""
+    whole = len(value) <= LONGEST_QUOTED and value.isprintable() and not value.startswith(("'", '"'))
+    example = as_typed(key, value) if whole else f"\"{key}='...'\""
+    return f"put it in quotes, for the shell too: {example}"
 
 
 def given_twice(overrides: Sequence[str]) -> Iterator[str]:
@@ -129,6 +160,8 @@ def override_faults(override: Override, loader: Loader) -> Iterator[str]:
         yield f"{text}: {key} is there already; write {text[1:]}"
     elif override.is_sweep_override() and not override.is_discrete_sweep():
         yield f"{text}: has no end; list the values of {key}; allowed: {permitted(key, choices)}"
+    elif is_any_text(key) and any(isinstance(value, list | dict) for value in values_of(override)):
+        yield f"{bad_value(key, override.value())}; {in_quotes(key, (override.input_line or '').partition('=')[2])}"
     elif not values_of(override):
         yield f"{text}: names no value of {key}; allowed: {permitted(key, choices)}"
     elif choices:
@@ -158,8 +191,7 @@ def composed_faults(overrides: Sequence[Override], loader: Loader, *, multirun: 
         told = [line for found in bad.values() for line in found]
         return [*told, *(composed_faults(rest, loader, multirun=multirun) if told else lines)]
     if not multirun and composed.hydra.mode != RunMode.MULTIRUN:
-        what = "is a sweep over several values; put -m before the keys"
-        lines = [f"{one_line(sweep.input_line or '')}: {what}" for sweep in sweeps]
+        lines = [sweep_without_flag(sweep) for sweep in sweeps]
         return [*lines, *problems(composed)]
     parameters = stored_sweep(composed)
     lines = [line for text in parameters for line in parameter_faults(text, loader)]
@@ -169,6 +201,14 @@ def composed_faults(overrides: Sequence[Override], loader: Loader, *, multirun: 
         composed, failures = loader.compose(job)
         lines += failures if composed is None else problems(composed)
     return lines
+
+
+def sweep_without_flag(override: Override) -> str:
+    """The line of several values where one is wanted; those of text may be one with a comma in it."""
+    text, key = override.input_line or "", override.key_or_group
+    line = f"{one_line(text)}: is a sweep over several values; put -m before the keys"
+    comma = override.value_type == ValueType.SIMPLE_CHOICE_SWEEP and is_any_text(key)
+    return f"{line}, or where it is one value, {in_quotes(key, text.partition('=')[2])}" if comma else line
 
 
 def parameter_faults(text: str, loader: Loader) -> list[str]:

@@ -43,7 +43,7 @@ def section(group: str, keys: dict[str, Field[Any]], config: Config) -> str:
                 meaning,
                 unit,
                 allowed(entry).replace(f" {unit}", "", 1) if unit else allowed(entry),
-                f"`{show(value_of(config, name))}`",
+                f"`{show(value_of(config, name)).removeprefix(f'{Path.cwd()}/')}`",
             )
             lines.append(f"| {' | '.join(cells)} |")
     return "\n".join([*lines, ""])

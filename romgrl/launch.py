@@ -40,9 +40,9 @@ class Launch:
     at_once: int
     varied: list[str]
 
-    def label(self, name: str) -> str:
-        """The part of a job's name that the other jobs do not have."""
-        return " ".join(text for text in name.split(" ") if text.partition("=")[0] in self.varied) or name
+    def label(self, overrides: Sequence[str]) -> str:
+        """The overrides of a job that the other jobs do not have."""
+        return " ".join([text for text in overrides if text.partition("=")[0] in self.varied] or overrides) or "job"
 
     def announce(self) -> None:
         """Tell all processes that are started from now on."""
@@ -119,15 +119,14 @@ def run_job(config: Config, overrides: Sequence[str]) -> None:
     """Run a job, named by its overrides. Raises RomgrlError; where a launcher put it, that is left with the sweep."""
     protect()  # a launcher's process has come here without `main`
     own = [text for text in overrides if not text.lstrip("+").startswith("hydra")]
-    name = " ".join(own) or "job"
     launch, parent, place = announced(), os.environ.get(PARENT_VARIABLE), position(own)
     if launch is None:
-        run_noted(own, lambda: pipeline.run(config, name=name, parent=parent, place=place))
+        run_noted(own, lambda: pipeline.run(config, overrides=own, parent=parent, place=place))
         return
-    label = launch.label(name)
+    label = launch.label(own)
     console = Console(file=Labelled(sys.stdout, label), width=160, force_terminal=False)
     shared = replace(config, threads=config.threads or max(1, pipeline.available_cores() // launch.at_once))
-    run = partial(pipeline.run, shared, name=name, parent=parent, place=place, console=console)
+    run = partial(pipeline.run, shared, overrides=own, parent=parent, place=place, console=console)
     try:
         run_launched(launch, lambda: run_noted(own, run))
     except RomgrlError as error:

@@ -23,6 +23,7 @@ from yaml.error import MarkedYAMLError
 
 from romgrl.composition import COMPOSITION_ERRORS, CONF, first_line
 from romgrl.targets import GuardedLoader
+from romgrl.typed_text import quoted
 from romgrl.validation import nearest, one_line, refusal, schema_groups, schema_keys
 
 FILE_ERRORS = (YAMLError, UnicodeError, OSError)
@@ -52,7 +53,7 @@ class Loader:
     def parse(self, text: str) -> Override | None:
         """One override; None for what is none."""
         try:
-            (override,) = OverridesParser.create(self._loader).parse_overrides([text])
+            (override,) = OverridesParser.create(self._loader).parse_overrides([quoted(text)])
         except (HydraException, ValueError):  # ValueError: a number of thousands of digits
             return None
         return override if override.key_or_group else None

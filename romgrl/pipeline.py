@@ -34,14 +34,15 @@ def run(
     config: Config,
     *,
     name: str = "job",
+    overrides: Sequence[str] = (),
     parent: str | None = None,
     place: tuple[int, int] | None = None,
     console: Console | None = None,
 ) -> dict[str, Path]:
     """Run `config.stage` and what it needs, print where everything is, and return the artifact of each stage used.
 
-    `parent` is the MLflow run of the sweep, `place` which of its jobs this is, and of how many.
-    Raises ConfigurationError, or ArtifactError for damaged
+    `overrides` are those of its command line, `parent` is the MLflow run of the sweep, `place` which of its jobs this
+    is, and of how many. Raises ConfigurationError, or ArtifactError for damaged
     files of the package, before anything is made.
     """
     validate(config)
@@ -50,21 +51,20 @@ def run(
     if config.stage == "sync":
         return bring_the_rest(config, console or make_console())
     if config.stage == "verify":
-        return show_verdicts(config, name, console or make_console())
+        return show_verdicts(config, overrides, console or make_console())
     if config.stage == "watch":
         return watch(config, console or make_console())
     interruption.listen()
     outputs = Path(config.paths.outputs)
     tracking = config.tracking
     recorder = open_recorder(tracking.uri, tracking.experiment, outputs, enabled=tracking.enabled)
-    overrides = [text for text in name.split(" ") if "=" in text]
     title = redacted(job_title(name, config, overrides))
     tags = {"stage": "job"} | ({SYSTEM_METRICS: "true"} if tracking.system_metrics else {})
     tracked = recorder.start(title, parent=parent, tags=tags, params=asdict(config))
     console = console or make_console()
     job = Job(config, recorder, tracked, make_bars(console), overrides)
     if parent is not None or place is not None:
-        job.say(f"job{' {} of {}'.format(*place) if place else ''}: {redacted(name)}")
+        job.say(f"job{' {} of {}'.format(*place) if place else ''}: {redacted(' '.join(overrides) or name)}")
     if place is not None:
         job.bars.add_task("sweep", total=place[1], completed=place[0] - 1, speed="", numbers=f"job {place[0]}")
     status = "FAILED"
@@ -112,12 +112,12 @@ def bring_the_rest(config: Config, console: Console) -> dict[str, Path]:
     return {}
 
 
-def show_verdicts(config: Config, name: str, console: Console) -> dict[str, Path]:
-    """Print what finished evaluations of a configuration say about the paper's claims; `name` holds its overrides."""
+def show_verdicts(config: Config, overrides: Sequence[str], console: Console) -> dict[str, Path]:
+    """Print what finished evaluations of a configuration say about the paper's claims."""
     from romgrl.results.verify import verify  # takes a second to import
 
     console.width = max(console.width, WIDEST_TABLE)
-    for each in verify(config, [] if name == "job" else redacted(name).split(" ")):
+    for each in verify(config, [redacted(text) for text in overrides]):
         if isinstance(each, str):
             console.print(each, markup=False, highlight=False, soft_wrap=True)
         else:
@@ -126,8 +126,8 @@ def show_verdicts(config: Config, name: str, console: Console) -> dict[str, Path
 
 
 def resolve(config: Config) -> Config:
-    """Make the output directory absolute and the number of threads explicit."""
-    outputs = Path(config.paths.outputs).expanduser().resolve()
+    """Make the output directory the one that a link leads to, and the number of threads explicit."""
+    outputs = Path(config.paths.outputs).resolve()
     return replace(
         config, threads=config.threads or available_cores(), paths=replace(config.paths, outputs=str(outputs))
     )

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from urllib.parse import urlsplit
 
+from romgrl.addresses import sqlite_path
 from romgrl.config import Config
 from romgrl.journal import redacted
 from romgrl.validation import refusal
@@ -25,10 +26,12 @@ def outputs_directory(config: Config) -> Iterator[str]:
 
 def writable_directory(text: str) -> bool:
     """Tell whether files can be made in a directory, which need not be there yet."""
+    if text.startswith("~"):  # of nobody, or it would be expanded
+        return False
     try:
-        path = Path(text).expanduser().absolute()
+        path = Path(text).absolute()
         nearest = next(place for place in (path, *path.parents) if place.exists())
-    except (OSError, RuntimeError):  # a name that is too long; ~ of nobody
+    except OSError:  # a name that is too long
         return False
     limit = os.pathconf(nearest, "PC_PATH_MAX")
     missing = path.relative_to(nearest).parts
@@ -39,10 +42,10 @@ def writable_directory(text: str) -> bool:
 
 
 def is_file(text: str) -> bool:
-    """Tell whether there is a file at a path, which may start with ~."""
+    """Tell whether there is a file at a path."""
     try:
-        return Path(text).expanduser().is_file()
-    except (OSError, RuntimeError):
+        return Path(text).is_file()
+    except OSError:
         return False
 
 
@@ -69,8 +72,8 @@ def store_uri(uri: str, outputs: Path) -> bool:
     except ValueError:  # a port that is none, brackets that do not close
         return False
     kind = parts.scheme.partition("+")[0]
-    if kind == "sqlite":
-        path = Path(uri.partition(":///")[2])
+    path = sqlite_path(uri)
+    if path is not None:
         there = path.parent.is_dir() or path.parent.absolute() == outputs.absolute()
         return there and path.name != "" and not path.is_dir() and writable_directory(str(path.parent))
     return named and (parts.scheme in SERVERS or kind in DATABASES)

@@ -17,6 +17,7 @@ from typing import Any
 
 from rich.console import Console
 
+from romgrl.addresses import as_typed, sqlite_address, sqlite_path
 from romgrl.errors import TrackingError
 from romgrl.journal import Journal, journal_directory, redacted
 from romgrl.tracking_process import TrackingProcess
@@ -31,7 +32,7 @@ LOG = "tracking.log"  # beside the journals: what the process of MLflow would pr
 
 def default_uri(outputs: Path) -> str:
     """The SQLite store of an output directory."""
-    return f"sqlite:///{outputs.resolve() / 'mlflow.db'}"
+    return sqlite_address(outputs.resolve() / "mlflow.db")
 
 
 def ui_command(uri: str) -> str:
@@ -82,7 +83,8 @@ class Recorder:
     def __init__(self, uri: str, experiment: str, outputs: Path, *, enabled: bool = True) -> None:
         self.uri = uri
         self.users = 1
-        self._has_a_past = uri.startswith("sqlite:") and Path(uri.removeprefix("sqlite:///")).is_file()
+        database = sqlite_path(uri)
+        self._has_a_past = database is not None and database.is_file()
         self._outputs = outputs
         self._told: set[str] = set()
         self.journal: Journal | None = None
@@ -180,7 +182,7 @@ class Recorder:
             self._tell(
                 "rest",
                 f"MLflow at {redacted(self.uri)} does not have everything yet; kept in {self.journal.path}: "
-                f"python -m romgrl stage=sync paths.outputs={self._outputs} brings the rest",
+                f"python -m romgrl stage=sync {as_typed('paths.outputs', str(self._outputs))} brings the rest",
             )
 
     def _away(self, reason: str) -> None:

@@ -32,6 +32,7 @@ from romgrl.pipeline import available_cores
 from romgrl.provenance import machine
 from romgrl.recorder import open_recorder
 from romgrl.results.sweeps import SWEEP_VARIABLE, read_sweep, settings, write_sweep
+from romgrl.sweep_directory import claim
 
 GROUPS = ("teacher", "student")
 BUDGETS = tuple(f"{group}.total_steps" for group in GROUPS)
@@ -61,7 +62,7 @@ def plan_launch(config: DictConfig, jobs: int) -> Launch | None:
     at_once = {"joblib": joblib_processes(config.hydra.launcher.get("n_jobs", 1)), "submitit_local": jobs}.get(name, 1)
     parsed = OverridesParser.create().parse_overrides([*stored_sweep(config), *config.hydra.overrides.task])
     varied = [override.get_key_element() for override in parsed if override.is_sweep_override()]
-    return Launch(name, str(Path(config.hydra.sweep.dir).absolute()), max(1, min(at_once, jobs)), varied)
+    return Launch(name, str(config.hydra.sweep.dir), max(1, min(at_once, jobs)), varied)
 
 
 def joblib_processes(n_jobs: int) -> int:
@@ -94,8 +95,9 @@ class SweepCallback(Callback):
     def on_multirun_start(self, config: DictConfig, **kwargs: Any) -> None:
         """Start the parent run."""
         check_launcher(config)
+        self._directory, self._lock = claim(config)
         tracking = config.tracking
-        outputs = Path(str(config.paths.outputs)).expanduser().resolve()
+        outputs = Path(str(config.paths.outputs)).resolve()
         self._recorder = open_recorder(tracking.uri, str(tracking.experiment), outputs, enabled=tracking.enabled)
         overrides = [*config.hydra.overrides.task]
         stored = str(config.hydra.job.config_name)
@@ -105,7 +107,7 @@ class SweepCallback(Callback):
         planned = sweep_jobs([*stored_sweep(config), *overrides], loader)
         jobs = len(planned)
         self._run = self._recorder.start(name, tags={"stage": "sweep"}, params={"jobs": jobs})
-        self._outputs, self._directory = outputs, Path(str(config.hydra.sweep.dir)).absolute()
+        self._outputs = outputs
         if config.stage not in NO_RESULTS:
             with storage_faults(self._directory):
                 note_sweep(self._directory, str(config.hydra.job.config_name), planned, loader)
@@ -116,7 +118,6 @@ class SweepCallback(Callback):
             self._announce(self._launch, jobs)
 
     def _announce(self, launch: Launch, jobs: int) -> None:
-        Path(launch.directory).mkdir(parents=True, exist_ok=True)
         launch.announce()
         if launch.launcher == SHARES_TERMINAL:
             self._signals.pass_on(launch.stop)
@@ -166,6 +167,7 @@ class SweepCallback(Callback):
         atexit.unregister(self._end)
         self._run.finish(status)
         self._recorder.close()
+        self._lock.release()
 
 
 class Signals:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import hydra._internal.hydra
@@ -18,6 +18,9 @@ from hydra.core.utils import setup_globals
 from hydra.errors import HydraException
 from omegaconf import DictConfig, ListConfig, OmegaConf
 from omegaconf.errors import InterpolationToMissingValueError, MissingMandatoryValue, OmegaConfBaseException
+
+from romgrl.typed_text import quote_stored_sweep, quoted, use_text_source
+from romgrl.whole_paths import settle
 
 TARGETS = (
     "romgrl.sweep.SweepCallback",
@@ -39,6 +42,7 @@ def guard() -> None:
     """Have Hydra load every configuration through the check, which needs its resolvers, and pass on every error."""
     setup_globals()
     os.environ["HYDRA_FULL_ERROR"] = "1"  # errors come to `main` instead of into Hydra's own report
+    use_text_source()
     hydra._internal.hydra.ConfigLoaderImpl = GuardedLoader  # type: ignore[attr-defined]  # it offers no other way in
     hydra._internal.hydra.Callbacks = LoudCallbacks  # type: ignore[attr-defined]
 
@@ -54,10 +58,16 @@ class LoudCallbacks(Callbacks):
 class GuardedLoader(ConfigLoaderImpl):
     """Hydra's loader, which hands out no configuration that makes anything foreign."""
 
-    def load_configuration(self, *arguments: Any, **keywords: Any) -> DictConfig:
-        """Compose as Hydra does. Raises HydraException with one line per foreign thing."""
-        config: DictConfig = super().load_configuration(*arguments, **keywords)
+    def load_configuration(
+        self, config_name: str | None, overrides: Sequence[str], *arguments: Any, **keywords: Any
+    ) -> DictConfig:
+        """Compose as Hydra does, text as it was typed, paths whole. Raises HydraException, a line per foreign thing."""
+        use_text_source()
+        typed = [quoted(text) for text in overrides]
+        config: DictConfig = super().load_configuration(config_name, typed, *arguments, **keywords)
         check(config)
+        quote_stored_sweep(config)
+        settle(config)
         return config
 
     def _process_config_searchpath(self, config_name: str | None, parsed_overrides: Any, repo: Any) -> None:

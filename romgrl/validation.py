@@ -104,7 +104,9 @@ def in_range(value: Any, item: str, entry: Field[Any]) -> bool:
 
 
 def has_type(value: Any, item: str) -> bool:
-    """Tell whether a value has the type `item`; true and false are no numbers."""
+    """Tell whether a value has the type `item`; true and false are no numbers, 1e6 is a whole one."""
+    if item == "int" and isinstance(value, float):
+        return value.is_integer()
     return isinstance(value, TYPES[item]) and isinstance(value, bool) == (item == "bool")
 
 
@@ -113,9 +115,9 @@ def convert(value: Any, entry: Field[Any]) -> Any:
     if isinstance(value, list):
         return [convert(item, entry) for item in value]
     item = kind_of(entry).item
-    if value is None or item in ("int", "bool"):
+    if value is None or item == "bool":
         return value
-    return float(value) if item == "float" else str(value)
+    return {"int": int, "float": float, "str": str}[item](value)
 
 
 def show(value: Any) -> str:
@@ -147,6 +149,8 @@ def bad_value(key: str, value: Any) -> str:
     entry = schema_keys()[key]
     quoted = isinstance(value, str) and kind_of(entry).item != "str" and is_plain_scalar(value)
     line = refusal(key, repr(value) if quoted else value, allowed(entry))
+    if key == "experiment" and isinstance(value, dict):
+        return f"{line}; the first line of a preset is `# @package _global_`"
     return line + nearest(show(value), entry.metadata["choices"])
 
 

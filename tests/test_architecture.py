@@ -14,6 +14,7 @@ SOURCES = sorted((ROOT / "romgrl").rglob("*.py"))
 LEARNING = {"algorithms", "networks", "buffers", "normalizer", "lanes", "limits"}
 WORLDS = {"rom", "humanoid"}
 WIRING = {"__main__", "command_line", "composition", "loading", "sweep", "config_docs", "targets", "draws"}
+WIRING |= {"sweep_directory", "typed_text", "whole_paths"}
 BELOW_STAGES = (
     LEARNING
     | WORLDS
@@ -27,19 +28,20 @@ ALLOWED = {
     "normalizer": {"errors"},
     "lanes": set(),
     "limits": {"errors"},
-    "rom": {"rom", "errors", "config"},
-    "humanoid": {"humanoid", "errors", "config"},
-    "gait": {"gait", "errors"},
-    "report": {"report", "gait", "artifacts", "display", "errors", "config", "rom", "humanoid"},
+    "rom": {"config", "errors", "rom"},
+    "humanoid": {"config", "errors", "humanoid"},
+    "gait": {"errors", "gait"},
+    "report": {"artifacts", "config", "display", "errors", "gait", "humanoid", "report", "rom"},
     "results": {
-        "results",
-        "report",
+        "addresses",
         "artifacts",
         "config",
         "display",
         "errors",
         "gait",
         "keys",
+        "report",
+        "results",
         "summary",
         "validation",
     },
@@ -52,8 +54,8 @@ ALLOWED = {
     "errors": set(),
     "stages": BELOW_STAGES,
     "validation": {"config"},
-    "misfits": {"config", "errors", "places", "pretrained", "validation", "rom", "humanoid", "gait"},
-    "places": {"config", "journal", "validation"},
+    "misfits": {"config", "errors", "gait", "humanoid", "places", "pretrained", "rom", "validation"},
+    "places": {"addresses", "config", "journal", "validation"},
     "keys": {"config", "pretrained", "provenance", "sources", "validation"},
     "pretrained": {
         "artifacts",
@@ -74,15 +76,15 @@ ALLOWED = {
     "summary": {"gait"},
     "titles": {"artifacts", "config", "keys", "progress", "results", "summary", "validation"},
     "journal": set(),
-    "recorder": {"errors", "journal", "tracking_process"},
-    "tracking": {"artifacts", "display", "errors", "journal", "recorder", "summary"},
+    "recorder": {"addresses", "errors", "journal", "tracking_process"},
+    "tracking": {"addresses", "artifacts", "display", "errors", "journal", "recorder", "summary"},
     "remote": {"artifacts", "errors", "recorder"},
     "tracking_process": set(),
     "pipeline": {
-        "journal",
         "config",
         "interruption",
         "job",
+        "journal",
         "keys",
         "misfits",
         "pretrained",
@@ -113,9 +115,9 @@ ALLOWED = {
     "worker": {"artifacts", "config", "display", "errors", "interruption", "progress"},
     "composition": {"config", "draws", "errors", "misfits", "targets", "validation"},
     "draws": set(),
-    "loading": {"composition", "targets", "validation"},
-    "command_line": {"composition", "errors", "loading", "validation"},
-    "targets": set(),
+    "loading": {"composition", "targets", "typed_text", "validation"},
+    "command_line": {"addresses", "composition", "errors", "loading", "typed_text", "validation"},
+    "targets": {"typed_text", "whole_paths"},
     "launch": {"config", "display", "errors", "interruption", "pipeline", "results"},
     "endings": {"errors"},
     "sweep": {
@@ -129,11 +131,16 @@ ALLOWED = {
         "provenance",
         "recorder",
         "results",
+        "sweep_directory",
     },
     "config_docs": {"composition", "config", "validation"},
     "__main__": {"command_line", "composition", "display", "endings", "errors", "launch", "usage"},
     "usage": set(),
     "__init__": set(),
+    "addresses": set(),
+    "typed_text": {"addresses", "validation"},
+    "whole_paths": {"addresses"},
+    "sweep_directory": {"addresses", "errors", "launch", "validation"},
 }
 
 

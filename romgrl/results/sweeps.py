@@ -12,6 +12,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+from romgrl.addresses import without_quotes
 from romgrl.errors import ArtifactError
 
 SWEEP_VARIABLE = "ROMGRL_SWEEP"  # directory of the sweep, for its jobs
@@ -70,7 +71,7 @@ class Sweep:
 def settings(overrides: Sequence[str]) -> dict[str, str]:
     """Overrides as key and value, without those that only say how and where a job runs."""
     pairs = (text.lstrip("+").partition("=") for text in overrides)
-    return {key: value for key, _, value in pairs if key.partition(".")[0].partition("/")[0] not in HOW}
+    return {key: without_quotes(value) for key, _, value in pairs if key.partition(".")[0].partition("/")[0] not in HOW}
 
 
 def write_sweep(directory: Path, name: str, command: str, jobs: Sequence[Sequence[str]], **more: Any) -> None:

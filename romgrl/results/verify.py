@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
@@ -41,7 +42,7 @@ def verify(config: Config, command: Sequence[str]) -> list[str | Sheet]:
     """
     outputs = Path(config.paths.outputs)
     selection = select(outputs, config)
-    making = f"python -m romgrl -m seed={','.join(map(str, range(ENOUGH_SEEDS)))} " + " ".join(
+    making = f"python -m romgrl -m seed={','.join(map(str, range(ENOUGH_SEEDS)))} " + shlex.join(
         text for text in command if text.partition("=")[0] not in ("stage", "seed")
     )
     if not selection.used:

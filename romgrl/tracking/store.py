@@ -28,6 +28,7 @@ from mlflow.entities import Metric, Param, Run, RunTag, ViewType
 from mlflow.exceptions import MlflowException
 from sqlalchemy.exc import SQLAlchemyError
 
+from romgrl.addresses import sqlite_path
 from romgrl.journal import Entry
 from romgrl.recorder import LOCAL
 from romgrl.summary import LABELS
@@ -63,7 +64,7 @@ class Store:
 
     def __init__(self, uri: str, outputs: Path, *, answered: Callable[[], None] = lambda: None) -> None:
         self.uri = uri
-        self.on_disk = uri.startswith("sqlite:")
+        self.on_disk = sqlite_path(uri) is not None
         self.asking = False
         self._outputs = outputs
         self._answered = answered
@@ -193,8 +194,8 @@ class Store:
 
     def close(self) -> None:
         """Bring all that is stored into the database file itself: empty the write-ahead log of SQLite."""
-        if self._client is not None and self.on_disk:
-            with closing(sqlite3.connect(self.uri.removeprefix("sqlite:///"))) as store:
+        if self._client is not None and (database := sqlite_path(self.uri)) is not None:
+            with closing(sqlite3.connect(database)) as store:
                 store.execute("PRAGMA wal_checkpoint(TRUNCATE)")
 
 
@@ -217,11 +218,12 @@ def open_client(uri: str, outputs: Path) -> MlflowClient:
     """Connect. One process at a time migrates a fresh SQLite store and sets WAL."""
     for name in ("mlflow", "alembic"):  # migrations are no news
         logging.getLogger(name).setLevel(logging.WARNING)
-    if not uri.startswith("sqlite:"):
+    database = sqlite_path(uri)
+    if database is None:
         return MlflowClient(tracking_uri=uri)
     outputs.mkdir(parents=True, exist_ok=True)
     with FileLock(outputs / ".mlflow.lock"):
-        with closing(sqlite3.connect(uri.removeprefix("sqlite:///"))) as store:
+        with closing(sqlite3.connect(database)) as store:
             store.execute("PRAGMA journal_mode=WAL")
         client = MlflowClient(tracking_uri=uri)
         client.get_experiment_by_name("Default")

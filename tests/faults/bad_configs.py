@@ -54,7 +54,9 @@ def bad_forms(entry: Any) -> list[str]:
     numbers += ["1e30"] if entry.metadata["high"] is not None else []
     numbers += ["1.5", str(2**70)] if kind.item == "int" else []
     numbers += ["-1"] if entry.metadata["low"] == 0 or entry.metadata["above"] == 0 else []
-    return forms + {"bool": ["1", "0", "yes", "4.0", "'true'"], "str": ["true", '"\t"', "' '"]}.get(kind.item, numbers)
+    return forms + {"bool": ["1", "0", "yes", "4.0", "'true'"], "str": ["[true]", '"\t"', "' '"]}.get(
+        kind.item, numbers
+    )
 
 
 def typos(seed: int, count: int) -> Iterator[Case]:

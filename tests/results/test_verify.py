@@ -27,7 +27,7 @@ LONG = ("evaluation.episodes=100", "evaluation.steps=1000")
 def printed(config: Config) -> str:
     """What the command prints."""
     console = Console(record=True, width=200, file=io.StringIO())
-    assert run(config, name=f"speed={config.speed:g} stage=verify seed=3", console=console) == {}
+    assert run(config, overrides=[f"speed={config.speed:g}", "stage=verify", "seed=3"], console=console) == {}
     return console.export_text()
 
 
@@ -144,7 +144,7 @@ def test_nothing_finished_is_one_line_with_the_command(verify: Composer, tmp_pat
         run(verify())
     finish(tmp_path, verify("eta=0.3"))
     with pytest.raises(ArtifactError) as raised:
-        run(verify("speed=1"), name="stage=verify speed=1")
+        run(verify("speed=1"), overrides=["stage=verify", "speed=1"])
     assert raised.value.exit_code == 3
     assert str(raised.value) == (
         f"{tmp_path}: no finished evaluation of this configuration (1 with other settings or damaged); "
