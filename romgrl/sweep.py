@@ -22,7 +22,8 @@ from hydra.experimental.callback import Callback
 from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 
-from romgrl.errors import ConfigurationError, RomgrlError
+from romgrl.artifacts import require_right
+from romgrl.errors import ConfigurationError, RomgrlError, StorageError
 from romgrl.interruption import SIGNALS
 from romgrl.journal import redacted
 from romgrl.launch import LAUNCH_VARIABLE, PARENT_VARIABLE, SHARES_TERMINAL, Launch
@@ -94,7 +95,9 @@ class SweepCallback(Callback):
         """Start the parent run."""
         try:
             check_launcher(config)
-        except ConfigurationError as error:
+            place = Path(str(config.hydra.sweep.dir)).absolute()
+            require_right(place, "the tables of the sweep are to be made", key="hydra.sweep.dir")
+        except (ConfigurationError, StorageError) as error:
             print(error, file=sys.stderr)
             sys.exit(error.exit_code)
         tracking = config.tracking
