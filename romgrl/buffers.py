@@ -35,7 +35,8 @@ class ReplayBuffer:
     """Ring of the last `capacity` transitions of `num_envs` environments.
 
     The successor of a transition is the next row of the ring. A fallen episode has no successor that matters
-    (its value is zero), and a truncated transition is not sampled, because its successor is not stored.
+    (its value is zero), and a truncated transition is not sampled, because its successor is not stored: the last one
+    before it that was not truncated takes its place, or the newest of all where the ring does not hold that any more.
     """
 
     def __init__(
@@ -63,7 +64,11 @@ class ReplayBuffer:
         self.task_reward = torch.zeros(shape, device=device)
         self.imitation_reward = torch.zeros(shape, device=device)
         self.terminated = torch.zeros(shape, device=device)
-        self.truncated = torch.zeros(shape, dtype=torch.bool, device=device)
+        self.back = torch.zeros(shape, dtype=torch.int32, device=device)
+        """Steps back to the last transition of the same environment that was not truncated; 0: this one."""
+        self.newest = torch.zeros(1, dtype=torch.int64, device=device)
+        """Flat index of a transition of the last step in which an environment was not truncated."""
+        self.usable = 0  # steps that were added up to that one
         self.mirrors = (mirror_observation, mirror_action, mirror_frames)
         self.generator = torch.Generator(device=device).manual_seed(seed)
         self.added = 0
@@ -83,17 +88,24 @@ class ReplayBuffer:
         frames: Tensor,
         imitation_reward: Tensor | float = 0.0,
     ) -> None:
-        """Store one step of all environments; `next_observation` is the one after any reset."""
+        """Store one step of all environments; `next_observation` is the one after any reset.
+
+        `terminated` and `truncated` come from the environments, so asking whether all are truncated stops no device.
+        """
         row = self.added % self.rows
         self.observation[row] = observation
         self.action[row] = action
         self.task_reward[row] = task_reward
         self.terminated[row] = terminated
-        self.truncated[row] = truncated
+        cut = truncated.bool() & ~terminated.bool()  # a fall needs no successor
+        self.back[row] = (self.back[row - 1] + 1) * cut.to(self.back.device)
         self.frames[row] = frames
         self.imitation_reward[row] = imitation_reward
         self.observation[(row + 1) % self.rows] = next_observation
         self.added += 1
+        if not cut.all():
+            self.usable = self.added
+            self.newest[0] = self.back[row].argmin() + row * self.num_envs
 
     def sample(self, size: int) -> Batch:
         """Draw `size` transitions with replacement; every second one is mirrored where mirrors were given."""
@@ -132,12 +144,14 @@ class ReplayBuffer:
 
     def state(self) -> dict[str, Any]:
         """Everything but the rows: counters, random stream, and the observation that the newest row led to."""
+        counters = {"added": self.added, "usable": self.usable, "newest": self.newest}
         following = self.observation[self.added % self.rows]
-        return {"added": self.added, "generator": self.generator.get_state(), "following": following}
+        return counters | {"generator": self.generator.get_state(), "following": following}
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Go on from a state, the rows of which `write_rows` has put back."""
-        self.added = state["added"]
+        self.added, self.usable = state["added"], state["usable"]
+        self.newest.copy_(state["newest"])
         self.generator.set_state(state["generator"])
         self.observation[self.added % self.rows] = state["following"]
 
@@ -161,19 +175,24 @@ class ReplayBuffer:
             "task_reward": self.task_reward,
             "imitation_reward": self.imitation_reward,
             "terminated": self.terminated,
-            "truncated": self.truncated,
+            "back": self.back,
         }
 
     def _draw(self, size: int, rows: int) -> Tensor:
-        """Flat indices of transitions among the last `rows` rows, the truncated ones replaced by their predecessor."""
+        """Flat indices of transitions among the last `rows` rows, each truncated one replaced by one that is not.
+
+        Raises ValueError where the ring holds no other.
+        """
         if rows < 1:
             raise ValueError("the replay buffer is empty")
-        high = rows * self.num_envs
-        offset = torch.randint(high, (size,), generator=self.generator, device=self.task_reward.device)
-        newest = (self.added - 1) % self.rows * self.num_envs
-        index = (newest + self.num_envs - 1 - offset) % (self.rows * self.num_envs)
-        previous = (index - self.num_envs) % (self.rows * self.num_envs)
-        return torch.where(_rows(self.truncated, index), previous, index)
+        held = min(self.added, self.rows - 1)
+        if self.added - self.usable >= held:
+            raise ValueError("every transition of the replay buffer is truncated: there is nothing to learn from")
+        offset = torch.randint(rows * self.num_envs, (size,), generator=self.generator, device=self.task_reward.device)
+        capacity = self.rows * self.num_envs
+        last = (self.added - 1) % self.rows * self.num_envs + self.num_envs - 1
+        offset.add_(_rows(self.back, (last - offset) % capacity), alpha=self.num_envs)
+        return torch.where(offset < held * self.num_envs, (last - offset) % capacity, self.newest)
 
 
 def _rows(ring: Tensor, index: Tensor) -> Tensor:

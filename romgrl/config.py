@@ -120,7 +120,7 @@ class Humanoid:
     mass: float = key("body mass of the project's own humanoid", unit="kg", low=30, high=150)
     control_frequency: float = key("control steps per second", unit="Hz", low=1, high=10_000)
     substeps: int = key("physics steps per control step", low=1, high=10_000)
-    episode_steps: int = key("an episode is truncated after this many control steps", low=1, high=10**9)
+    episode_steps: int = key("an episode is truncated after this many control steps", low=2, high=10**9)
     reset_speed: list[float] = key("range of the forward speed at reset, share of the target speed", low=0, high=10)
     fall_pelvis_height: float = key(
         "it falls when the pelvis is below this share of its standing height", low=0, high=1

@@ -6,6 +6,7 @@ import json
 import threading
 import time
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -13,17 +14,19 @@ from rich.progress import Progress
 
 from romgrl.artifacts import (
     Manifest,
+    may_write,
     open_artifact,
     publish,
     read_manifest,
+    require_right,
     setting_aside,
     storage_faults,
     write_manifest,
 )
 from romgrl.config import Config
-from romgrl.errors import RomgrlError
+from romgrl.errors import ArtifactError, RomgrlError
 from romgrl.keys import STAGES, stage_config, stage_function, stage_key, stage_settings
-from romgrl.locks import exclusive
+from romgrl.locks import exclusive, lock_path
 from romgrl.progress import TerminalLog, format_duration
 from romgrl.provenance import git_state, versions
 from romgrl.recorder import RecordedRun, Recorder
@@ -89,9 +92,14 @@ class Job:
         """Verify the artifact of a stage, or make it where there is none; what it needs must be finished."""
         directory = self.directory(stage)
         assert directory is not None
-        with storage_faults(directory), exclusive(directory, say=self.say, stopping=self.stopping.is_set):
-            reused = directory.exists() or fetch_artifact(self.recorder, directory, self.say)
-            manifest = self.verify(stage, directory) if reused else self.make(stage, directory, runner, threads)
+        with storage_faults(directory):
+            manifest = self.whole(stage, directory)
+            reused = manifest is not None
+            if manifest is None:
+                self.require_place(stage)
+                with exclusive(directory, say=self.say, stopping=self.stopping.is_set):
+                    reused = directory.exists() or fetch_artifact(self.recorder, directory, self.say)
+                    manifest = self.verify(stage, directory) if reused else self.make(stage, directory, runner, threads)
         self.finished[stage], self.manifests[stage] = directory, manifest
         if reused:
             Workspace(directory).close()  # whoever made it may not have come to that
@@ -99,6 +107,39 @@ class Job:
             self.reused[stage] = manifest
         self.run.tags({f"romgrl.key.{stage}": directory.name, f"romgrl.run.{stage}": manifest.run_id or "untracked"})
         self.say(f"artifact: {directory}", f"mlflow run: {manifest.run_id or 'none'}")
+
+    def require_places(self, stages: Sequence[str]) -> None:
+        """Raise ConfigurationError where this user may not write what is to be made, or what is to be set aside."""
+        missing = [stage for stage in stages if not self.present(stage)]
+        for stage in missing:
+            self.require_place(stage)
+        for stage in stages if missing else ():
+            directory = self.directory(stage)
+            if stage not in missing and directory is not None and not may_write(directory.parent):
+                self.verify(stage, directory)
+
+    def require_place(self, stage: str) -> None:
+        """Raise ConfigurationError unless this user may make the artifact of a stage where it belongs."""
+        directory = self.directory(stage)
+        require_right(Path(self.config.paths.outputs) / "artifacts" / stage, f"{stage} is to be made")
+        if directory is not None:
+            workspace = Workspace(directory)
+            for place in (lock_path(directory), lock_path(workspace.partial), *workspace.places):
+                require_right(place, f"{stage} is to be made")
+
+    def whole(self, stage: str, directory: Path) -> Manifest | None:
+        """The manifest of a finished artifact that is whole, which takes no lock and no right to write.
+
+        None where there is work for whoever holds the lock: it has to be made, or to be set aside. Raises
+        ConfigurationError where it is damaged and this user may not set it aside.
+        """
+        if not directory.exists():
+            return None
+        if not may_write(directory.parent):
+            return self.verify(stage, directory)
+        with suppress(ArtifactError, FileNotFoundError):  # another process may set it aside at this moment
+            return open_artifact(directory, stage=stage, key=directory.name)
+        return None
 
     def verify(self, stage: str, directory: Path) -> Manifest:
         """The manifest of an artifact that is whole; a damaged one is set aside and ends the job."""

@@ -6,7 +6,6 @@ import hashlib
 import json
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
-from pathlib import Path
 from typing import Any
 
 from romgrl.config import Config
@@ -92,7 +91,7 @@ def stage_config(stage: str, config: Config) -> Config:
 
 
 def stage_settings(stage: str, config: Config) -> dict[str, Any]:
-    """The keys that the stage depends on, with their values; a model file counts by its content, not by its place."""
+    """The keys that the stage depends on, with their values; a model file counts as what it describes."""
     if is_pretrained(stage, config):
         return pretrained_settings(stage)
     config = stage_config(stage, config)
@@ -105,9 +104,27 @@ def stage_settings(stage: str, config: Config) -> dict[str, Any]:
         settings = {name: value for name, value in settings.items() if not name.startswith("discriminator.")}
         settings["discriminator.name"] = "none"
     if settings.get("humanoid.xml") is not None:
-        content = Path(settings["humanoid.xml"]).expanduser().read_bytes()
-        settings["humanoid.xml"] = f"sha256:{hashlib.sha256(content).hexdigest()}"
+        del settings["humanoid.xml"]
+        settings |= body_settings(stage, config)
     return {name: settings[name] for name in sorted(settings.keys() - set(LABELS))}
+
+
+def body_settings(stage: str, config: Config) -> dict[str, Any]:
+    """What a stage depends on in the model that a file describes, compiled: included files count, their places do not.
+
+    The reduced-order model takes its sizes alone, and colours count where they are drawn. Raises ConfigurationError.
+    """
+    from romgrl.humanoid import digest, model  # MuJoCo takes a moment to import
+
+    model.set_up_mujoco()
+    body = model.configured(config.humanoid)
+    sizes = model.dimensions(body)
+    lengths = (sizes.mass, sizes.leg_length, sizes.ankle_height)
+    described = {"humanoid.sizes": "{:.9g} kg, leg {:.9g} m, ankle {:.9g} m".format(*lengths)}
+    if "humanoid" not in STAGES[stage].depends:
+        return described
+    content = digest.full_digest(body) if stage == "report" else digest.physics_digest(body)
+    return described | {"humanoid.xml": f"sha256:{content}"}
 
 
 def pretrained_settings(stage: str) -> dict[str, Any]:

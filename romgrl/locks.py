@@ -12,6 +12,8 @@ from pathlib import Path
 
 from filelock import FileLock, Timeout
 
+from romgrl.artifacts import lock_mode
+
 LOCK_SECONDS = 0.5  # between two looks at whether to stop waiting for another process
 
 
@@ -22,7 +24,7 @@ def exclusive(directory: Path, *, say: Callable[[str], None], stopping: Callable
     The operating system frees the lock of a process that dies. Raises KeyboardInterrupt once `stopping()` is true.
     """
     directory.parent.mkdir(parents=True, exist_ok=True)
-    lock, owner = FileLock(directory.with_name(f".{directory.name}.lock")), Owner(directory)
+    lock, owner = FileLock(lock_path(directory), mode=lock_mode(directory.parent)), Owner(directory)
     name = f"{directory.parent.name}: {directory.name}"
     try:
         lock.acquire(timeout=0)
@@ -37,6 +39,11 @@ def exclusive(directory: Path, *, say: Callable[[str], None], stopping: Callable
     finally:
         owner.leave()
         lock.release()
+
+
+def lock_path(directory: Path) -> Path:
+    """The lock of an artifact."""
+    return directory.with_name(f".{directory.name}.lock")
 
 
 def wait_for(lock: FileLock, stopping: Callable[[], bool]) -> None:
@@ -62,12 +69,14 @@ class Owner:
             return "another process"
 
     def sign(self) -> None:
-        """Write down this process."""
+        """Write down this process, in the place of another user's file as well."""
         since = datetime.now().astimezone().isoformat(timespec="seconds")
-        self.path.write_text(
-            json.dumps({"process": os.getpid(), "host": socket.gethostname(), "since": since}), encoding="utf-8"
-        )
+        signed = {"process": os.getpid(), "host": socket.gethostname(), "since": since}
+        self.leave()
+        with suppress(PermissionError):  # it only says whom to wait for
+            self.path.write_text(json.dumps(signed), encoding="utf-8")
 
     def leave(self) -> None:
         """Nobody holds the lock any more."""
-        self.path.unlink(missing_ok=True)
+        with suppress(PermissionError):
+            self.path.unlink(missing_ok=True)

@@ -89,7 +89,7 @@ def run(
             console.print(table)
     if "report" in job.finished:
         job.say(f"figures and films: {job.finished['report']}")
-    if tracking.enabled:
+    if recorder.journal is not None:
         job.say(f"compare runs: {ui_command(recorder.uri)}")
         if recorder.experiment_id is not None:
             job.say(f"jobs, best first: {jobs_address(recorder.uri, recorder.experiment_id, next(iter(HEADLINE)))}")
@@ -143,6 +143,7 @@ def run_stages(job: Job) -> None:
     """Make what is missing: in this process one after the other, or in two where stages can run side by side."""
     config = job.config
     stages = plan(PIPELINE if config.stage == "all" else [config.stage], job.present)
+    job.require_places(stages)
     threads = dict.fromkeys(stages, config.threads)
     if config.parallel_stages and config.threads >= WORKERS:
         threads |= share_threads([stage for stage in stages if not job.present(stage)], config.threads)

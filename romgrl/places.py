@@ -20,8 +20,16 @@ LONGEST_EXPERIMENT = 250  # characters that a database of MLflow's keeps
 
 def outputs_directory(config: Config) -> Iterator[str]:
     """The results go to a directory that is there, or can be made, and can be written."""
-    if not writable_directory(config.paths.outputs):
+    if not (writable_directory(config.paths.outputs) or has_results(config.paths.outputs)):
         yield refusal("paths.outputs", config.paths.outputs, "a directory that can be written")
+
+
+def has_results(text: str) -> bool:
+    """Tell whether a directory has artifacts that can be read: those that are finished need no right to write."""
+    try:
+        return os.access(Path(text).expanduser() / "artifacts", os.R_OK | os.X_OK)
+    except (OSError, RuntimeError):
+        return False
 
 
 def writable_directory(text: str) -> bool:

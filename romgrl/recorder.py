@@ -18,8 +18,9 @@ from typing import Any
 from rich.console import Console
 
 from romgrl.addresses import as_typed, sqlite_address, sqlite_path
+from romgrl.artifacts import require_right
 from romgrl.errors import TrackingError
-from romgrl.journal import Journal, journal_directory, redacted
+from romgrl.journal import Journal, journal_directory, journals, redacted
 from romgrl.tracking_process import TrackingProcess
 
 LOCAL = "local:"  # before the id of a run that MLflow has not named yet
@@ -91,13 +92,14 @@ class Recorder:
         self.process: TrackingProcess | None = None
         if enabled:
             kept = None if uri == default_uri(outputs) else redacted(uri)
+            log = journal_directory(outputs) / LOG
             try:
                 self.journal = Journal(outputs, {"uri": kept, "experiment": experiment})
                 settings = {"uri": uri, "outputs": outputs, "journal": self.journal.path}
-                log = journal_directory(outputs) / LOG
                 self.process = TrackingProcess(settings, uri=uri, log=log, away=self._away)
             except OSError as error:
-                self._tell("journal", f"nothing goes to MLflow: {error}")
+                place = log if error.filename == str(log) else journal_directory(outputs)
+                self._tell("journal", f"nothing goes to MLflow: {place}: {error.strerror or error}")
 
     @property
     def lost(self) -> bool:
@@ -254,10 +256,12 @@ class RecordedRun:
 def sync(uri: str | None, outputs: Path) -> list[str]:
     """Bring what earlier jobs could not to `uri`, or to the store of each where it is None; returns a line per run.
 
-    Raises TrackingError if something is left.
+    Raises TrackingError if something is left, ConfigurationError where this user may not send it.
     """
-    if not journal_directory(outputs).is_dir():
+    if not journals(outputs):
         return ["nothing is left to bring to MLflow"]
+    for place in (journal_directory(outputs), journal_directory(outputs) / LOG):
+        require_right(place, "what is left to bring to MLflow is sent from there")
     settings = {"uri": uri, "outputs": outputs, "journal": None}
     process = TrackingProcess(settings, uri=uri, log=journal_directory(outputs) / LOG)
     try:

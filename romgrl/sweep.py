@@ -22,7 +22,7 @@ from hydra.experimental.callback import Callback
 from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 
-from romgrl.artifacts import storage_faults
+from romgrl.artifacts import require_right, storage_faults
 from romgrl.errors import ConfigurationError, RomgrlError, StorageError
 from romgrl.interruption import SIGNALS
 from romgrl.journal import redacted
@@ -95,6 +95,8 @@ class SweepCallback(Callback):
     def on_multirun_start(self, config: DictConfig, **kwargs: Any) -> None:
         """Start the parent run."""
         check_launcher(config)
+        place = Path(str(config.hydra.sweep.dir)).absolute()
+        require_right(place, "the tables of the sweep are to be made", key="hydra.sweep.dir")
         self._directory, self._lock = claim(config)
         tracking = config.tracking
         outputs = Path(str(config.paths.outputs)).resolve()

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import tempfile
 from pathlib import Path
 
 from rich.console import Console
 
 from romgrl import interruption
-from romgrl.artifacts import open_artifact
+from romgrl.artifacts import may_write, open_artifact
 from romgrl.config import Config
 from romgrl.errors import ArtifactError
 from romgrl.job import Job
@@ -26,12 +27,19 @@ def watch(config: Config, console: Console) -> dict[str, Path]:
     recorder = Recorder("", "", outputs, enabled=False)
     bars = make_bars(console)
     directory = newest(Job(config, recorder, recorder.start("watch", tags={}), bars), walker)
-    output = outputs / "watch" / directory.name
-    output.mkdir(parents=True, exist_ok=True)
+    output = film_directory(outputs / "watch" / directory.name, walker)
     with TerminalLog("watch", output, bars=bars) as log:
         log.message(f"{walker} {'in training' if directory.suffix else 'as trained'}: {directory}")
         execute("romgrl.stages.watch:run", config, {walker: directory}, output, log)
     return {}
+
+
+def film_directory(place: Path, walker: str) -> Path:
+    """A directory for a film: beside the results or, for whoever may only read these, in one of its own."""
+    if not may_write(place / f"{walker}.mp4"):
+        return Path(tempfile.mkdtemp(prefix="romgrl-watch-"))
+    place.mkdir(parents=True, exist_ok=True)
+    return place
 
 
 def newest(job: Job, walker: str) -> Path:

@@ -18,7 +18,7 @@ from pathlib import Path
 from filelock import FileLock
 
 from romgrl import interruption
-from romgrl.artifacts import storage_faults
+from romgrl.artifacts import lock_mode, storage_faults
 from romgrl.config import Config
 from romgrl.display import protect
 from romgrl.errors import RomgrlError
@@ -172,7 +172,7 @@ def serve(connection: Connection) -> None:
 
 def working_lock(output: Path) -> FileLock:
     """Held by a worker while it writes to a workspace: a killed pipeline's lock is free before its worker is gone."""
-    return FileLock(output.with_name(f".{output.name}.lock"))
+    return FileLock(output.with_name(f".{output.name}.lock"), mode=lock_mode(output.parent))
 
 
 def end_with_pipeline(lifeline: int) -> None:

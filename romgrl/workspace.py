@@ -59,6 +59,12 @@ class Workspace:
             os.replace(self._checkpoint, self._aside)
 
     def close(self) -> None:
-        """The artifact is published."""
+        """The artifact is published; whoever may not remove what is left lets it lie."""
         shutil.rmtree(self._aside, ignore_errors=True)
-        self._note.unlink(missing_ok=True)
+        with suppress(OSError):
+            self._note.unlink(missing_ok=True)
+
+    @property
+    def places(self) -> tuple[Path, ...]:
+        """What an attempt writes to or takes away, where it is there."""
+        return self.partial, self._checkpoint, self._aside

@@ -9,7 +9,9 @@ import torch
 from romgrl.algorithms.sac import SAC, save_policy
 
 
-def write_walker(path: Path, *, humanoid: str, seed: int = 0, actions: int = 21, columns: int = 10) -> None:
+def write_walker(
+    path: Path, *, humanoid: str | dict[str, str], seed: int = 0, actions: int = 21, columns: int = 10
+) -> None:
     """Save the policy of a small learner that has learned nothing."""
     learner = SAC(
         observation_size=10,

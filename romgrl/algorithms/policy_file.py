@@ -20,7 +20,7 @@ Shape = tuple[int, ...]
 
 def read_policy(
     path: Path, *, algorithm: str, sizes: Collection[str], options: Mapping[str, Collection[Any]]
-) -> tuple[dict[str, Tensor], dict[str, Any], str | None]:
+) -> tuple[dict[str, Tensor], dict[str, Any], Any]:
     """Tensors, description of the network and humanoid of a policy of `algorithm`, or ArtifactError.
 
     The description must have just the `sizes`, whole numbers, the list `hidden_sizes`, and each of `options` with one
@@ -64,6 +64,27 @@ def require(path: Path, name: str, found: object, needed: object) -> None:
     """Raise ArtifactError, naming both, unless a file has what is needed."""
     if found != needed:
         raise ArtifactError(f"{path}: {name} {found}; needed: {needed}")
+
+
+def require_humanoid(path: Path, trained_on: Any, needed: Mapping[str, str]) -> None:
+    """Raise ArtifactError, saying in words what differs, unless a policy was trained on this humanoid.
+
+    Both have a `fingerprint` beside the words that explain it; policies of old have it alone.
+    """
+    words = trained_on if isinstance(trained_on, dict) else {"fingerprint": trained_on}
+    if words.get("fingerprint") == needed["fingerprint"]:
+        return
+    known = {name: value for name, value in needed.items() if name != "fingerprint"}
+    differing = [
+        f"{name} {words[name]} in training, {value} now"
+        for name, value in known.items()
+        if name in words and words[name] != value
+    ]
+    if not differing and known.keys() <= words.keys():
+        differing = ["other names of bodies, joints or actuators, or another order of them"]
+    this = ", ".join(f"{name} {value}" for name, value in known.items())
+    told = "; ".join(differing) or f"it does not say which; this one: {this}"
+    raise ArtifactError(f"{path}: trained on another humanoid: {told}")
 
 
 def layer_sizes(network: Mapping[str, Any], inputs: str, outputs: str) -> Sequence[tuple[int, int]]:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from romgrl.algorithms import squashed_gaussian
-from romgrl.algorithms.policy_file import check_tensors, layer_sizes, read_policy, require
+from romgrl.algorithms.policy_file import check_tensors, layer_sizes, read_policy, require_humanoid
 from romgrl.algorithms.stacked_mlp import StackedMLP, Tape
 from romgrl.algorithms.state import optimizer_state, put_all, restore_optimizer
 from romgrl.artifacts import save_tensors
@@ -201,24 +201,27 @@ class DeterministicPolicy:
 
 
 def save_policy(
-    path: Path, sac: SAC, columns: Tensor, mean: Tensor, scale: Tensor, humanoid: str | None = None
+    path: Path, sac: SAC, columns: Tensor, mean: Tensor, scale: Tensor, humanoid: Mapping[str, str] | None = None
 ) -> None:
-    """Write the averaged policy with the columns it reads and their normalisation (safetensors)."""
+    """Write the averaged policy with the columns it reads and their normalisation (safetensors).
+
+    `humanoid`: the fingerprint of the model and the words that explain it.
+    """
     tensors = {f"policy.{name}": value.cpu().clone() for name, value in sac.average.named_tensors().items()}
     tensors |= {"columns": columns.cpu(), "observation_mean": mean.cpu(), "observation_scale": scale.cpu()}
     network = json.dumps({"algorithm": "sac", "humanoid": humanoid, **sac.network})
     save_tensors(path, tensors, {"network": network})
 
 
-def load_policy(path: Path, humanoid: str | None = None) -> DeterministicPolicy:
+def load_policy(path: Path, humanoid: Mapping[str, str] | None = None) -> DeterministicPolicy:
     """Rebuild a policy from its file alone. Raises ArtifactError for any other file.
 
-    `humanoid`: the fingerprint of the model that it must have been trained on; None: any.
+    `humanoid`: the model that it must have been trained on, as `save_policy` takes it; None: any.
     """
     sizes, options = ("inputs", "outputs"), {"layer_norm": (True, False)}
     tensors, network, trained_on = read_policy(path, algorithm="sac", sizes=sizes, options=options)
     if humanoid is not None:
-        require(path, "humanoid", trained_on, humanoid)
+        require_humanoid(path, trained_on, humanoid)
     columns = (network["inputs"],)
     needed: dict[str, tuple[torch.dtype, tuple[int, ...]]] = {"columns": (torch.int64, columns)}
     needed |= dict.fromkeys(("observation_mean", "observation_scale"), (torch.float32, columns))

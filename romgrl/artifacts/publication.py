@@ -9,6 +9,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from romgrl.artifacts.manifest import read_manifest
+from romgrl.artifacts.rights import require_right
 from romgrl.artifacts.storage import storage_faults, sync, sync_tree
 from romgrl.errors import ArtifactError, StorageError
 
@@ -38,10 +39,14 @@ def set_aside(directory: Path) -> Path:
 
 @contextmanager
 def setting_aside(directory: Path) -> Iterator[None]:
-    """An artifact that is found damaged while the block runs is set aside, and the ArtifactError says where it is."""
+    """An artifact that is found damaged while the block runs is set aside, and the ArtifactError says where it is.
+
+    Raises ConfigurationError where this user may not do that.
+    """
     try:
         yield
     except ArtifactError as error:
+        require_right(directory.parent, f"{error}; it is to be set aside")
         try:
             place = f"set aside as {set_aside(directory).name}"
         except FileNotFoundError:

@@ -12,6 +12,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from romgrl.config import Humanoid
 from romgrl.errors import ConfigurationError
 from romgrl.humanoid import _core
 from romgrl.humanoid.human import human_spec
@@ -75,6 +76,27 @@ def build(
     if joints != [*ROOT_JOINTS, *HINGES] or actuators != [*HINGES]:
         raise ConfigurationError("humanoid.xml: bodies, joints and actuators must be in the order of SMPL's 24 bodies")
     return model
+
+
+def configured(humanoid: Humanoid) -> mujoco.MjModel:
+    """The humanoid of a configuration."""
+    return build(
+        xml=humanoid.xml,
+        actuation=humanoid.actuation,
+        height=humanoid.height,
+        mass=humanoid.mass,
+        control_frequency=humanoid.control_frequency,
+        substeps=humanoid.substeps,
+    )
+
+
+def identity(model: mujoco.MjModel) -> dict[str, str]:
+    """What a policy says of the humanoid that it was trained on: its fingerprint, and in words what is in that."""
+    sizes = dimensions(model)
+    lengths = {"mass": f"{sizes.mass:.5g} kg", "standing pelvis": f"{sizes.pelvis_height:.5g} m high"}
+    lengths["standing head"] = f"{sizes.head_height:.5g} m high"
+    counts = {"bodies": model.nbody, "joints": model.njnt, "actuators": model.nu}
+    return {"fingerprint": fingerprint(model)} | lengths | {name: str(count) for name, count in counts.items()}
 
 
 def fingerprint(model: mujoco.MjModel) -> str:

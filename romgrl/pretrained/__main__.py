@@ -65,9 +65,9 @@ def ship(outputs: Path, config: Config) -> list[Path]:
     sources = {stage: outputs / "artifacts" / stage / manifest.key for stage, manifest in manifests.items()}
     for stage, source in sources.items():
         open_artifact(source, stage=stage, key=source.name)
+    card, text = pretrained.PLACE / CARD, write_card(evaluation, manifests)  # it may fail: before anything is replaced
     written = [path for stage, manifest in manifests.items() for path in write(stage, manifest, sources[stage])]
-    card = pretrained.PLACE / CARD
-    write_bytes(card, write_card(evaluation, manifests).encode())
+    write_bytes(card, text.encode())
     return [*written, card]
 
 

@@ -16,7 +16,7 @@ from romgrl.artifacts import load_arrays
 from romgrl.config import Config
 from romgrl.errors import ArtifactError
 from romgrl.gait.features import CHANNELS, episode_bounds
-from romgrl.humanoid.model import fingerprint
+from romgrl.humanoid.model import identity
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 from romgrl.rom.vector_env import SpringLegVectorEnv
 
@@ -43,7 +43,7 @@ def read_teacher(directory: Path, config: Config, env: SpringLegVectorEnv) -> pp
 def read_walker(directory: Path, env: PlanarHumanoidVectorEnv) -> sac.DeterministicPolicy:
     """The policy of student or baseline for the humanoid that it is to walk."""
     path = directory / "policy.safetensors"
-    policy = sac.load_policy(path, humanoid=fingerprint(env.model))
+    policy = sac.load_policy(path, humanoid=identity(env.model))
     actions, observations = policy.policy.sizes[-1] // 2, flatdim(env.single_observation_space)
     if policy.policy.sizes[-1] != 2 * env.model.nu:
         raise ArtifactError(f"{path}: {actions} actions; needed: {env.model.nu}")

@@ -16,7 +16,7 @@ from romgrl.checkpoint import State
 from romgrl.config import Config
 from romgrl.gait.windows import FrameWindows, WindowLayout
 from romgrl.humanoid.imitation import reference_bank
-from romgrl.humanoid.model import fingerprint
+from romgrl.humanoid.model import identity
 from romgrl.humanoid.observation import OBSERVATION_SIZE
 from romgrl.humanoid.reset import BANK_SIZE
 from romgrl.humanoid.skeleton import HINGES
@@ -69,7 +69,7 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
     env = humanoid_env(replace(config, threads=each), num_envs=config.student.num_envs, compact=compact)
     columns = torch.from_numpy(env.compact_columns if compact else np.arange(OBSERVATION_SIZE))
     windows = FrameWindows(num_envs=env.num_envs, layout=window_layout(config))
-    humanoid = fingerprint(env.model)
+    humanoid = identity(env.model)
     if "reference" in inputs and config.student.reference_resets > 0:
         start_from_reference(config, env, inputs["reference"])
     with second_lane(beside) as lane:

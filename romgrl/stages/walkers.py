@@ -36,15 +36,7 @@ def rom_parameters(config: Config) -> SpringLegParameters:
 
 def humanoid_model(config: Config) -> Any:
     """MuJoCo model of the humanoid of the configuration."""
-    humanoid = config.humanoid
-    return model.build(
-        xml=humanoid.xml,
-        actuation=humanoid.actuation,
-        height=humanoid.height,
-        mass=humanoid.mass,
-        control_frequency=humanoid.control_frequency,
-        substeps=humanoid.substeps,
-    )
+    return model.configured(config.humanoid)
 
 
 def humanoid_env(

@@ -9,6 +9,7 @@ import pytest
 
 from romgrl import keys, pretrained, sources
 from romgrl.config import Config
+from romgrl.humanoid.human import human_spec
 from romgrl.keys import LABELS, STAGES, stage_key
 from romgrl.validation import schema_keys, value_of
 from tests.conftest import Composer
@@ -45,7 +46,9 @@ def changed_value(config: Config, key: str, directory: Path) -> object:
     """Another value; a file that exists where the key names one."""
     if key != "humanoid.xml":
         return different(value_of(config, key))
-    (directory / "model.xml").write_text("<mujoco/>", encoding="utf-8")
+    spec = human_spec(height=1.741, mass=73.0)
+    spec.compile()
+    (directory / "model.xml").write_text(spec.to_xml(), encoding="utf-8")
     return str(directory / "model.xml")
 
 

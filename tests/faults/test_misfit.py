@@ -13,7 +13,7 @@ import pandas as pd
 import pytest
 import torch
 
-from romgrl.algorithms import ppo
+from romgrl.algorithms import ppo, sac
 from romgrl.artifacts import load_tensors, save_arrays, save_tensors
 from romgrl.config import Config
 from romgrl.errors import ArtifactError
@@ -141,7 +141,7 @@ def mse(bench: Bench, change: Callable[[pd.DataFrame], pd.DataFrame], name: str 
 
 def taller(bench: Bench) -> None:
     other = replace(bench.config, humanoid=replace(bench.config.humanoid, height=1.9))
-    write_walker(bench.inputs["student"] / "policy.safetensors", humanoid=model.fingerprint(humanoid_model(other)))
+    write_walker(bench.inputs["student"] / "policy.safetensors", humanoid=model.identity(humanoid_model(other)))
 
 
 Spoil = Callable[[Bench], object]
@@ -208,12 +208,12 @@ CASES: dict[str, tuple[str, str, Spoil, str]] = {
         lambda b: write_walker(b.inputs["student"] / "policy.safetensors", columns=400, humanoid=b.fingerprint),
         "columns from 390 to 399; needed: below 358",
     ),
-    "another humanoid": ("evaluation", "student/policy.safetensors", taller, "humanoid "),
+    "another humanoid": ("evaluation", "student/policy.safetensors", taller, "trained on another humanoid: standing "),
     "no humanoid": (
         "evaluation",
         "student/policy.safetensors",
         lambda b: b.policy("student", network={"humanoid": None}),
-        "humanoid None; needed: ",
+        "trained on another humanoid: it does not say which; this one: mass 71.8 kg, ",
     ),
     "hidden sizes of another": (
         "evaluation",
@@ -357,3 +357,20 @@ def test_a_fingerprint_knows_the_humanoid() -> None:
     human = model.fingerprint(model.build())
     assert human == model.fingerprint(model.build(actuation="torque", substeps=16, control_frequency=60.0))
     assert human not in {model.fingerprint(model.build(height=1.75)), model.fingerprint(model.build(mass=73.5))}
+
+
+def test_another_humanoid_is_told_in_words(tmp_path: Path) -> None:
+    """What the policy was trained on and what there is now; of policies of old only the latter is known."""
+    path, now = tmp_path / "policy.safetensors", model.identity(model.build(mass=95.0))
+    write_walker(path, humanoid=model.identity(model.build(mass=71.8)))
+    with pytest.raises(ArtifactError) as error:
+        sac.load_policy(path, humanoid=now)
+    assert str(error.value) == f"{path}: trained on another humanoid: mass 71.8 kg in training, 95 kg now"
+    write_walker(path, humanoid=now | {"fingerprint": "of other names"})
+    with pytest.raises(ArtifactError, match="another humanoid: other names of bodies, joints or actuators"):
+        sac.load_policy(path, humanoid=now)
+    write_walker(path, humanoid=model.fingerprint(model.build()))
+    with pytest.raises(ArtifactError, match=r"another humanoid: it does not say which; this one: mass 95 kg, "):
+        sac.load_policy(path, humanoid=now)
+    write_walker(path, humanoid=now["fingerprint"])
+    sac.load_policy(path, humanoid=now)

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from romgrl.config import Config
+from romgrl.humanoid.digest import stable
+from romgrl.humanoid.human import human_spec
 from romgrl.keys import STAGES, stage_key
 from tests.conftest import Composer
 
@@ -40,6 +44,7 @@ TABLE = {
     "tracking.experiment=mine": set(),
     "paths.outputs=/elsewhere": set(),
 }
+MESH = "v 0 0 0\nv 0.1 0 0\nv 0 0.1 0\nv 0 0 0.1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
 
 
 def all_keys(config: Config) -> dict[str, str]:
@@ -77,10 +82,53 @@ def test_no_imitation_makes_noise_and_eta_irrelevant(compose_config: Composer) -
     assert one == all_keys(compose_config("discriminator=none"))
 
 
-def test_a_model_file_counts_by_its_content(compose_config: Composer, tmp_path: Path) -> None:
-    config, keys = compose_config(), []
-    for name, text in (("a.xml", "<mujoco/>"), ("b.xml", "<mujoco/>"), ("c.xml", "<mujoco></mujoco>")):
-        (tmp_path / name).write_text(text, encoding="utf-8")
-        keys.append(all_keys(replace(config, humanoid=replace(config.humanoid, xml=str(tmp_path / name)))))
-    assert keys[0] == keys[1]
-    assert all(keys[0][stage] != keys[2][stage] for stage in STAGES)
+def keys_of_body(config: Config, directory: Path, main: str, included: str, mesh: str = MESH) -> dict[str, str]:
+    """Keys of all stages with a model in three files."""
+    directory.mkdir()
+    for name, text in (("robot.xml", main), ("body.xml", included), ("foot.obj", mesh)):
+        (directory / name).write_text(text, encoding="utf-8")
+    return all_keys(replace(config, humanoid=replace(config.humanoid, xml=str(directory / "robot.xml"))))
+
+
+@pytest.fixture(scope="module")
+def body() -> tuple[str, str]:
+    """The project's own humanoid as a file that includes another, which shows a mesh."""
+    spec = human_spec(height=1.741, mass=71.8)
+    spec.compile()
+    head, _, rest = spec.to_xml().partition("<worldbody>")
+    world, _, tail = rest.partition("</worldbody>")
+    head += '<include file="body.xml"/><asset><mesh name="foot" file="foot.obj"/></asset>'
+    shown = world.replace("</body>", '<geom type="mesh" mesh="foot" mass="0" contype="0" conaffinity="0"/></body>', 1)
+    return head + tail, f"<mujocoinclude><worldbody>{shown}</worldbody></mujocoinclude>"
+
+
+def test_a_model_counts_as_what_its_files_describe(
+    compose_config: Composer, body: tuple[str, str], tmp_path: Path
+) -> None:
+    """Included files and meshes count, places and comments do not; the teacher depends on sizes, films on colours."""
+    config, (main, included) = compose_config(), body
+    before = keys_of_body(config, tmp_path / "before", main, included)
+    heavier, softer, redder = (
+        re.sub(pattern, rf"\g<1>{value}", included, count=1)
+        for pattern, value in ((r'( mass=")\d', "9"), (r'(damping=")\d', "9"), (r'(rgba=")0.\d', "0.9"))
+    )
+    cases = {
+        "place": (set(), main, included, MESH),
+        "comment": (set(), f"{main}<!-- as before -->", included, MESH),
+        "mass": (ALL, main, heavier, MESH),
+        "damping": (BOTH, main, softer, MESH),
+        "solver": (BOTH, main.replace("implicitfast", "implicit"), included, MESH),
+        "colour": ({"report"}, main, redder, MESH),
+        "mesh": (BOTH, main, included, MESH.replace("0.1", "0.2")),
+    }
+    for name, (changed, *files) in cases.items():
+        after = keys_of_body(config, tmp_path / name, *files)
+        assert {stage for stage in STAGES if before[stage] != after[stage]} == changed, name
+
+
+def test_the_last_bits_of_another_processor_do_not_count() -> None:
+    values = np.array([71.8, 1.0, -0.25, 1e300, 1e-17, 0.0, np.inf])
+    nearly = np.array([71.8 * (1 + 1e-15), 1.0 - 1e-16, np.nextafter(-0.25, 0), 1e300, -3e-17, -0.0, np.inf])
+    assert stable(values).tobytes() == stable(nearly).tobytes()
+    assert stable(values)[0] != stable(np.array([71.8 * (1 + 1e-8)]))[0]
+    assert stable(np.arange(3)).dtype == np.arange(3).dtype

@@ -1,9 +1,12 @@
 """The replay buffer returns transitions that happened, and nothing else."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
 from romgrl.buffers import ReplayBuffer
 from romgrl.gait.windows import FrameWindows, WindowLayout, reference_windows
@@ -58,7 +61,7 @@ def test_every_second_transition_is_mirrored() -> None:
     mirror = (torch.tensor([0, 1]), torch.tensor([-1.0, 1.0]))
     buffer = make(64, mirror_observation=mirror)
     fill(buffer, 12)
-    batch = buffer.sample(100)
+    batch = buffer.sample(60)
     assert (batch.observation[::2, 0] <= 0).all()
     assert (batch.observation[1::2, 0] >= 0).all()
     torch.testing.assert_close(batch.next_observation[:, 0], batch.observation[:, 0])
@@ -115,3 +118,79 @@ def test_windows_longer_than_every_episode_are_refused() -> None:
             mirror=False,
             seed=0,
         )
+
+
+RINGS = list(product((4, 5), (1, 2), product((False, True), repeat=7)))
+
+
+def test_no_truncated_transition_is_drawn_whatever_was_truncated() -> None:
+    """Every pattern of truncations of one environment beside its mirror image, in rings that wrap around."""
+    for rows, num_envs, pattern in RINGS:
+        buffer, flags = small(rows, num_envs), torch.tensor([pattern, pattern[::-1]]).T[:, :num_envs]
+        for step, truncated in enumerate(flags):
+            put(buffer, step, truncated)
+            held = flags[max(0, step + 2 - rows) : step + 1]
+            if step < 2:
+                continue
+            if held.all():
+                with pytest.raises(ValueError, match="truncated"):
+                    buffer.sample(1)
+                continue
+            batch = buffer.sample(60)
+            env, time = batch.observation.long().T
+            assert not flags[time, env].any()
+            assert time.min() > step + 1 - rows  # the ring holds it and its successor
+            assert torch.equal(batch.next_observation[:, 1], batch.observation[:, 1] + 1)
+
+
+def test_draws_are_those_of_old_where_no_two_truncations_follow_each_other() -> None:
+    """One before stands in for a truncated transition, so that trainings give the same bits as ever."""
+    for rows, num_envs, pattern in RINGS:
+        flags = torch.tensor([pattern, pattern[::-1]]).T[:, :num_envs]
+        if (flags[1:] & flags[:-1]).any():
+            continue
+        buffer, twin = small(rows, num_envs), torch.Generator().manual_seed(0)
+        for step, truncated in enumerate(flags):
+            put(buffer, step, truncated)
+        recent = min(len(flags), rows - 1) - 1
+        offset = torch.randint(recent * num_envs, (50,), generator=twin)
+        time, env = len(flags) - 1 - offset // num_envs, num_envs - 1 - offset % num_envs
+        expected = torch.stack((env, time - flags[time, env].long()), -1)
+        assert torch.equal(buffer.sample(50).observation.long(), expected)
+
+
+def test_a_fall_in_the_last_step_of_an_episode_is_drawn() -> None:
+    """It has no successor that matters, so nothing is missing."""
+    buffer = small(5, 1)
+    for step in range(3):
+        put(buffer, step, torch.tensor([True]), terminated=float(step == 2))
+    batch = buffer.sample(20)
+    assert set(batch.observation[:, 1].tolist()) == {2.0}
+    assert batch.terminated.all()
+
+
+def test_a_ring_that_was_put_back_draws_the_same() -> None:
+    """With truncations in a row, before and after it wraps."""
+    for steps in (3, 4, 9):
+        buffer, other = small(5, 2), small(5, 2)
+        for step in range(steps):
+            put(buffer, step, torch.tensor([step % 4 > 1, step % 4 > 0]))
+        first = max(0, steps - 5)
+        other.write_rows(first, buffer.read_rows(first, steps))
+        other.restore(buffer.state())
+        for ring in (buffer, other):
+            put(ring, steps, torch.tensor([True, True]))
+        assert torch.equal(buffer.sample(40).observation, other.sample(40).observation)
+
+
+def small(rows: int, num_envs: int) -> ReplayBuffer:
+    return ReplayBuffer(
+        capacity=rows * num_envs, num_envs=num_envs, observation_size=2, action_size=1, frame_size=2, seed=0
+    )
+
+
+def put(buffer: ReplayBuffer, step: int, truncated: Tensor, terminated: float = 0.0) -> None:
+    """Add the observations (env, step), which lead to (env, step + 1)."""
+    envs = torch.arange(buffer.num_envs, dtype=torch.float32)
+    now, following = (torch.stack((envs, torch.full_like(envs, time)), -1) for time in (step, step + 1))
+    buffer.add(now, now[:, :1], following, envs, torch.full_like(envs, terminated), truncated, now)
