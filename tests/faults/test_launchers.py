@@ -137,7 +137,7 @@ def test_failures_in_other_processes_are_told(tmp_path: Path, launcher: str) -> 
 @pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_to_the_sweep_ends_its_jobs_in_good_order(tmp_path: Path, number: signal.Signals) -> None:
-    """Two jobs run and save themselves; the third does not start. A terminal sends Ctrl-C, and its end, to all."""
+    """Two jobs run and save themselves; the third does not start. What a terminal sends comes to all."""
     job = begin(tmp_path, "joblib", "stage=baseline", "speed=1,2,3", FAKE_SECONDS="60")
     wait_until(lambda: len(list(tmp_path.glob("artifacts/*/*.partial/curve.csv"))) == 0 and calls(tmp_path) == 2)
     for process in [*(jobs(tmp_path) if number != signal.SIGTERM else []), job.pid]:
