@@ -23,7 +23,7 @@ from romgrl.artifacts import (
 from romgrl.config import Config
 from romgrl.errors import RomgrlError
 from romgrl.keys import STAGES, stage_config, stage_function, stage_key, stage_settings
-from romgrl.locks import exclusive
+from romgrl.locks import exclusive, waited_for
 from romgrl.progress import TerminalLog, format_duration
 from romgrl.provenance import git_state, versions
 from romgrl.recorder import RecordedRun, Recorder
@@ -119,7 +119,7 @@ class Job:
         upstream = {name: self.verify(name, path) for name, path in inputs.items()}
         settings = stage_settings(stage, self.config)
         workspace = Workspace(directory)
-        with working_lock(workspace.partial):
+        with waited_for(working_lock(workspace.partial), self.stopping.is_set):
             goes_on = workspace.open()
         run = self.start_run(stage, directory.name, upstream, settings, threads, workspace.run_id)
         workspace.note(run.local_id, workspace.seconds)

@@ -7,20 +7,24 @@ import os
 import re
 import signal
 import subprocess
+from collections.abc import Collection
+from concurrent.futures import Future, wait
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import pytest
 from filelock import FileLock
 from rich.console import Console
 
-from romgrl import keys, pipeline
+from romgrl import interruption, keys, pipeline
 from romgrl.artifacts import load_tensors, open_artifact
 from romgrl.config import STAGES, Config
 from romgrl.keys import plan, share_threads, stage_key
 from romgrl.tracking.store import PARENT_TAG
 from tests.conftest import Composer
+from tests.limits import PATIENCE
 from tests.pipeline.conftest import Command, start, trainings
 from tests.pipeline.fake_stages import wait_for
 from tests.pipeline.test_tracking import all_runs
@@ -174,6 +178,27 @@ def test_signals_end_both_in_good_order(tmp_path: Path, number: signal.Signals, 
     assert len(re.findall(r"(?:teacher|baseline): interrupted after 0:\d\d; kept /.*\.partial", out)) == 2
     assert partials(outputs) == {"baseline": ["half.npz"], "teacher": ["half.npz"]}
     assert not any(Path(f"/proc/{worker}").exists() for worker in workers)
+
+
+@pytest.mark.usefixtures("fakes")
+def test_a_signal_leaves_no_lock_held(smoke_config: Config, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It comes where the thread that waits for the stages holds the lock of one, which its own thread needs to end."""
+    monkeypatch.setenv("FAKE_SECONDS", str(PATIENCE))
+    signals = [signal.SIGINT]
+
+    def interrupted(futures: Collection[Future[None]], *arguments: Any, **named: Any) -> Any:
+        for future in futures if signals else []:
+            future._condition.acquire()  # type: ignore[attr-defined]
+        if signals:
+            signal.raise_signal(signals.pop())
+            for future in futures:
+                future._condition.release()  # type: ignore[attr-defined]
+        return wait(futures, *arguments, **named)
+
+    monkeypatch.setattr(pipeline, "wait", interrupted)
+    config = replace(smoke_config, threads=2, tracking=replace(smoke_config.tracking, enabled=False))
+    with pytest.raises(interruption.Interrupted):
+        pipeline.run(config, console=Console(file=io.StringIO()))
 
 
 @pytest.mark.usefixtures("fakes")

@@ -1,0 +1,17 @@
+"""How long a process of a test may take: one home, so that a busy machine passes. Nothing is measured by it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+PATIENCE = 240.0
+"""Seconds until a test gives up on what must happen; a hundred times what it takes on an idle machine."""
+
+
+def wait_until(condition: Callable[[], object], what: str = "") -> None:
+    """Wait for a condition to become true."""
+    deadline = time.monotonic() + PATIENCE
+    while not condition():
+        assert time.monotonic() < deadline, what or condition
+        time.sleep(0.02)
