@@ -8,6 +8,12 @@ from collections.abc import Callable
 PATIENCE = 240.0
 """Seconds until a test gives up on what must happen; a hundred times what it takes on an idle machine."""
 
+LONG = str(2 * PATIENCE)
+"""FAKE_SECONDS of a stage that must still run when something happens to it."""
+
+SLACK = 15.0
+"""Seconds that a busy machine may add to a wait whose length is promised."""
+
 
 def wait_until(condition: Callable[[], object], what: str = "") -> None:
     """Wait for a condition to become true."""

@@ -1,17 +1,15 @@
-"""A stage in a process of its own never leaves its job waiting: not when the job's voice fails, not for a dead process."""
+"""A stage in a process of its own never leaves its job waiting."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from romgrl.config import Config
-from romgrl.errors import RomgrlError
 from romgrl.progress import SilentLog, StageLog
 from romgrl.worker import Worker
 from tests.limits import PATIENCE
@@ -45,7 +43,7 @@ def worker() -> Iterator[Worker]:
 
 
 def test_a_log_that_fails_ends_the_stage_in_good_order(worker: Worker, smoke_config: Config, tmp_path: Path) -> None:
-    """A broken pipe of the terminal is none of the worker: the job must not wait for the end of a process that lives."""
+    """A broken pipe of the terminal is none of the worker's: its process lives, and its end is not to be waited for."""
     output = tmp_path / "teacher" / "key.partial"
     output.mkdir(parents=True)
     with ThreadPoolExecutor(1) as pool:

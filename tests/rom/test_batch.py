@@ -8,6 +8,7 @@ import pytest
 
 from romgrl.rom import _core
 from romgrl.rom.mirror import MIRROR_OBSERVATION
+from tests.limits import PATIENCE
 from tests.rom.worlds import FEET, Worlds, core_parameters, pose
 
 pytestmark = pytest.mark.usefixtures("engine")
@@ -184,7 +185,7 @@ os.write(1, f"{worlds['features'].sum(dtype=np.float64)} ".encode())
 del worlds
 sys.exit(status)
 """
-    result = subprocess.run([sys.executable, "-c", code, engine], capture_output=True, text=True, timeout=60)
+    result = subprocess.run([sys.executable, "-c", code, engine], capture_output=True, text=True, timeout=PATIENCE)
     assert result.returncode == 0, result.stderr
     assert len(set(result.stdout.split())) == 1
     assert len(result.stdout.split()) == 2
