@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
-PATIENCE = 240.0
+PATIENCE = 600.0
 """Seconds until a test gives up on what must happen; a hundred times what it takes on an idle machine."""
 
 LONG = str(2 * PATIENCE)

@@ -22,7 +22,7 @@ from romgrl import pipeline
 from romgrl.artifacts import open_artifact
 from romgrl.config import Config
 from romgrl.keys import stage_key
-from romgrl.locks import Owner, exclusive
+from romgrl.locks import Owner, exclusive, waited_for
 from romgrl.worker import working_lock
 from romgrl.workspace import Workspace
 from tests.limits import LONG, PATIENCE, wait_until
@@ -149,6 +149,14 @@ def notes(outputs: Path) -> list[str]:
     """What the fake stages wrote down so far."""
     path = outputs / "artifacts" / "calls.txt"
     return path.read_text().splitlines() if path.exists() else []
+
+
+def test_a_job_that_is_stopped_does_not_wait_for_an_old_worker(tmp_path: Path) -> None:
+    output = tmp_path / "key.partial"
+    with working_lock(output):
+        waiting = waited_for(working_lock(output), lambda: True)
+        with pytest.raises(KeyboardInterrupt), waiting:
+            pytest.fail("the lock was given twice")
 
 
 @pytest.mark.usefixtures("fakes")

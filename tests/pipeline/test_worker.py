@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import time
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
@@ -24,6 +26,10 @@ def talk(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog
     except KeyboardInterrupt:
         (output / "interrupted").touch()
         raise
+
+
+def nothing(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog) -> None:
+    """A stage that is done."""
 
 
 class BrokenLog(SilentLog):
@@ -56,3 +62,17 @@ def test_a_log_that_fails_ends_the_stage_in_good_order(worker: Worker, smoke_con
     assert (output / "interrupted").exists()
     with pytest.raises(KeyboardInterrupt):  # nothing starts where what was said last is not known
         worker.run("tests.pipeline.test_worker:talk", smoke_config, {}, output, SilentLog())
+
+
+def test_a_process_that_does_not_end_is_killed(
+    worker: Worker, smoke_config: Config, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It has nothing to do any more; the job has."""
+    monkeypatch.setattr("romgrl.worker.ENDING_SECONDS", 0.1)
+    output = tmp_path / "teacher" / "key.partial"
+    output.mkdir(parents=True)
+    worker.run("tests.pipeline.test_worker:nothing", smoke_config, {}, output, SilentLog())
+    assert worker._process is not None
+    os.kill(worker._process.pid, signal.SIGSTOP)
+    worker.close()
+    assert worker._process.returncode == -signal.SIGKILL
