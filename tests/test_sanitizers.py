@@ -1,4 +1,4 @@
-"""A little of `make test-sanitizers` in every run: it builds the core with the sanitizers, and the core passes in it."""
+"""A little of `make test-sanitizers` in every run: its recipe builds the core, and the core passes some tests in it."""
 
 from __future__ import annotations
 
