@@ -15,9 +15,9 @@ SLACK = 15.0
 """Seconds that a busy machine may add to a wait whose length is promised."""
 
 
-def wait_until(condition: Callable[[], object], what: str = "") -> None:
-    """Wait for a condition to become true."""
+def wait_until(condition: Callable[[], object], *, every: float = 0.02) -> None:
+    """Wait for a condition to become true; it is looked at `every` so many seconds."""
     deadline = time.monotonic() + PATIENCE
     while not condition():
-        assert time.monotonic() < deadline, what or condition
-        time.sleep(0.02)
+        assert time.monotonic() < deadline
+        time.sleep(every)

@@ -65,7 +65,7 @@ def run(outputs: Path, *, threads: int, seconds: float | None = None) -> tuple[i
         used.append(max(used[-1], processor_seconds(job.pid)))
         return job.poll() is not None or (seconds is not None and used[-1] >= seconds)
 
-    wait_until(ended)
+    wait_until(ended, every=0.1)
     killed = job.poll() is None
     if killed:
         os.kill(job.pid, signal.SIGKILL)
