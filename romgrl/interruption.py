@@ -13,8 +13,9 @@ SIGNALS: tuple[signal.Signals, ...] = (signal.SIGINT, signal.SIGTERM, signal.SIG
 if signal.getsignal(signal.SIGHUP) == signal.SIG_IGN:
     SIGNALS = SIGNALS[:-1]
 
-_deferring = _once = False
+_deferring = _counting = _once = False
 _pending: signal.Signals | None = None
+_count = 0
 _left: set[signal.Signals] = set()
 _previous: dict[signal.Signals, Callable[[int, FrameType | None], object]] = {}  # handlers of a launcher
 
@@ -40,8 +41,8 @@ def listen(*, once: bool = False) -> None:
 
     `once`: only the first signal counts, so that nothing interrupts what it started.
     """
-    global _pending, _once
-    _pending, _once = None, once
+    global _pending, _once, _count
+    _pending, _once, _count = None, once, 0
     if threading.current_thread() is threading.main_thread():
         for number in set(SIGNALS) - _left:
             handler = signal.signal(number, _answer)
@@ -81,6 +82,25 @@ def deferred() -> Iterator[None]:
         _deferring = False
 
 
+@contextmanager
+def counted() -> Iterator[None]:
+    """Raise for no signal while the block runs, which looks at `count`: for a thread that shares locks with others.
+
+    Python raises between any two instructions, also where a lock is held that nobody would free then.
+    """
+    global _counting
+    _counting = True
+    try:
+        yield
+    finally:
+        _counting = False
+
+
+def count() -> int:
+    """How many signals have come."""
+    return _count
+
+
 def pending() -> bool:
     """Tell whether a signal has come."""
     return _pending is not None
@@ -94,8 +114,8 @@ def check() -> None:
 
 def _answer(number: int, frame: FrameType | None) -> None:
     """The handler: raise, or remember the first signal while it is kept back."""
-    global _pending
-    first, _pending = _pending is None, _pending or signal.Signals(number)
-    if (not first and _once) or (first and _deferring):
+    global _pending, _count
+    first, _pending, _count = _pending is None, _pending or signal.Signals(number), _count + 1
+    if _counting or (not first and _once) or (first and _deferring):
         return
     raise Interrupted(_pending)

@@ -26,7 +26,7 @@ from romgrl.artifacts import (
 from romgrl.config import Config
 from romgrl.errors import ArtifactError, RomgrlError
 from romgrl.keys import STAGES, stage_config, stage_function, stage_key, stage_settings
-from romgrl.locks import exclusive, lock_path
+from romgrl.locks import exclusive, lock_path, waited_for
 from romgrl.progress import TerminalLog, format_duration
 from romgrl.provenance import git_state, versions
 from romgrl.recorder import RecordedRun, Recorder
@@ -162,7 +162,7 @@ class Job:
         upstream = {name: self.verify(name, path) for name, path in inputs.items()}
         settings = stage_settings(stage, self.config)
         workspace = Workspace(directory)
-        with working_lock(workspace.partial):
+        with waited_for(working_lock(workspace.partial), self.stopping.is_set):
             goes_on = workspace.open()
         run = self.start_run(stage, directory.name, upstream, settings, threads, workspace.run_id)
         workspace.note(run.local_id, workspace.seconds)

@@ -58,7 +58,8 @@ class Launch:
     def leave(self, text: str, exit_code: int) -> None:
         """Let the sweep know that a job failed."""
         if self.launcher == SHARES_TERMINAL:
-            print(text, file=sys.stderr, flush=True)
+            sys.stderr.write(f"{text}\n")  # at once: a line and its end apart are mixed with those of other jobs
+            sys.stderr.flush()
         with Path(self.directory, FAILURES).open("a", encoding="utf-8") as file:
             file.write(json.dumps({"text": text, "exit_code": exit_code}) + "\n")
 

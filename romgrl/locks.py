@@ -55,6 +55,16 @@ def wait_for(lock: FileLock, stopping: Callable[[], bool]) -> None:
             lock.acquire(timeout=LOCK_SECONDS)
 
 
+@contextmanager
+def waited_for(lock: FileLock, stopping: Callable[[], bool]) -> Iterator[None]:
+    """Hold a lock while the block runs. Raises KeyboardInterrupt once the job is being stopped."""
+    try:
+        wait_for(lock, stopping)
+        yield
+    finally:
+        lock.release()
+
+
 class Owner:
     """The process that holds the lock of an artifact, as it wrote itself down beside it."""
 

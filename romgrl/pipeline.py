@@ -28,6 +28,7 @@ from romgrl.worker import Worker, execute
 
 WIDEST_TABLE = 150  # columns; wider than many terminals, so that no verdict is cut off
 WORKERS = 2  # the graph has no three stages that do not need each other
+LOOK_SECONDS = 0.1  # between two looks at whether a signal has come
 
 
 def run(
@@ -172,34 +173,40 @@ def run_side_by_side(job: Job, stages: Sequence[str], threads: Mapping[str, int]
         finally:
             idle.put(worker)
 
-    with ThreadPoolExecutor(len(stages)) as pool:
+    with interruption.counted(), ThreadPoolExecutor(len(stages)) as pool:
         futures: dict[str, Future[None]] = {}
         try:
             for stage in stages:
                 upstream = [futures[name] for name in STAGES[stage].upstream if name in futures]
                 futures[stage] = pool.submit(ensure, stage, upstream)
-            wait(futures.values(), return_when=FIRST_EXCEPTION)
+            wait_for_first(futures.values())
         finally:
             end(job, workers, futures.values())
+    interruption.check()
     raise_first([future.exception() for future in futures.values()])
 
 
+def wait_for_first(futures: Collection[Future[None]]) -> None:
+    """Wait until all are done, one has failed, or a signal has come."""
+    while interruption.count() == 0:
+        done, left = wait(futures, LOOK_SECONDS, return_when=FIRST_EXCEPTION)
+        if not left or any(future.exception() for future in done):
+            return
+
+
 def end(job: Job, workers: Collection[Worker], futures: Collection[Future[None]]) -> None:
-    """Let the workers go. A stage that still runs is interrupted and saves itself; a second Ctrl-C does not wait."""
-    try:
-        if not all(future.done() for future in futures):
-            job.stopping.set()
-            for worker in workers:
-                worker.stop()
-            wait(futures)
-    except KeyboardInterrupt:
+    """Let the workers go. A stage that still runs is interrupted and saves itself; one more signal does not wait."""
+    signals = interruption.count()
+    if not all(future.done() for future in futures):
+        job.stopping.set()
         for worker in workers:
-            worker.kill()
-        wait(futures)
-        raise
-    finally:
-        for worker in workers:
-            worker.close()
+            worker.stop()
+        while wait(futures, LOOK_SECONDS).not_done:
+            if interruption.count() > signals:
+                for worker in workers:
+                    worker.kill()
+    for worker in workers:
+        worker.close()
 
 
 def raise_first(errors: Sequence[BaseException | None]) -> None:

@@ -10,7 +10,8 @@ import sys
 import threading
 import time
 import traceback
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -28,6 +29,7 @@ StageFunction = Callable[[Config, Mapping[str, Path], Path, StageLog], None]
 Runner = Callable[[str, Config, Mapping[str, Path], Path, StageLog], None]
 
 PROGRESS_INTERVAL = 0.2  # seconds between reports of a worker, about as often as the bar is drawn
+ENDING_SECONDS = 60.0  # that a process may need to end once it has closed its pipe, or nothing is left for it to do
 
 
 def execute(entry: str, config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog) -> None:
@@ -69,19 +71,26 @@ class Worker:
         self._starting = threading.Lock()
 
     def run(self, entry: str, config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog) -> None:
-        """Run a stage to its end and pass on what it says; raises what it raised."""
+        """Run a stage to its end and pass on what it says; raises what it raised.
+
+        Where the log fails, its failure is raised once the stage has been interrupted and has ended in good order.
+        """
         connection = self._start()
-        try:
+        with self._reached(output.parent.name):
             connection.send((entry, config, dict(inputs), output))
-            while (message := connection.recv()) is not None:
-                if isinstance(message, BaseException):
-                    raise message
-                method, arguments, numbers = message
+        while True:
+            with self._reached(output.parent.name):
+                message = connection.recv()
+            if message is None:
+                return
+            if isinstance(message, BaseException):
+                raise message
+            method, arguments, numbers = message
+            try:
                 getattr(log, method)(*arguments, **numbers)
-        except (EOFError, ConnectionError) as error:
-            if self._stopped:
-                raise KeyboardInterrupt from None
-            raise RomgrlError(f"{output.parent.name}: its process ended with {self._exit_status()}") from error
+            except BaseException:
+                self._abandon(connection)
+                raise
 
     def stop(self) -> None:
         """Interrupt the stage, which ends in good order; no other one starts here."""
@@ -94,8 +103,7 @@ class Worker:
         """End the process, which has nothing to do any more."""
         if self._connection is not None:
             self._connection.close()
-        if self._process is not None:
-            self._process.wait()
+        self._wait()
         if self._lifeline is not None:
             os.close(self._lifeline)
             self._lifeline = None
@@ -121,9 +129,34 @@ class Worker:
                 os.close(lifeline)
             return self._connection
 
-    def _exit_status(self) -> str:
-        code = self._process.wait() if self._process is not None else 0
-        return signal.Signals(-code).name if code < 0 else f"exit code {code}"
+    @contextmanager
+    def _reached(self, stage: str) -> Iterator[None]:
+        """Use the pipe; where it breaks, the process has ended. Nothing but the pipe may fail inside."""
+        try:
+            yield
+        except (EOFError, OSError) as error:
+            if self._stopped:
+                raise KeyboardInterrupt from None
+            code = self._wait()
+            status = signal.Signals(-code).name if code < 0 else f"exit code {code}"
+            raise RomgrlError(f"{stage}: its process ended with {status}") from error
+
+    def _abandon(self, connection: Connection) -> None:
+        """Interrupt a stage whose words nobody takes any more, and hear it out: it waits for a full pipe."""
+        self.stop()
+        with suppress(EOFError, OSError):
+            while isinstance(connection.recv(), tuple):
+                pass
+
+    def _wait(self) -> int:
+        """The exit code of the process, which is about to end; one that does not is killed."""
+        if self._process is None:
+            return 0
+        try:
+            return self._process.wait(ENDING_SECONDS)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            return self._process.wait()
 
 
 class PipeLog:
@@ -159,6 +192,7 @@ def serve(connection: Connection) -> None:
             return
         outcome: BaseException | None = None
         try:
+            interruption.check()  # the first signal, which came when nothing was left to interrupt
             with working_lock(output):
                 execute(entry, config, inputs, output, PipeLog(connection))
         except (KeyboardInterrupt, RomgrlError) as error:

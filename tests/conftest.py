@@ -14,6 +14,7 @@ from hydra.core.global_hydra import GlobalHydra
 from romgrl import interruption, keys
 from romgrl.composition import CONF, register_schema, to_config
 from romgrl.config import Config
+from tests.limits import PATIENCE
 from tests.pipeline import fake_stages
 from tests.pipeline.conftest import Command, start
 
@@ -62,7 +63,7 @@ def command(tmp_path: Path) -> Command:
 
     def execute(*arguments: str, **variables: str) -> subprocess.CompletedProcess[str]:
         process = start(*arguments, f"paths.outputs={tmp_path}/outputs", **variables)
-        out, err = process.communicate(timeout=120)
+        out, err = process.communicate(timeout=PATIENCE)
         return subprocess.CompletedProcess(process.args, process.returncode, out, err)
 
     return execute

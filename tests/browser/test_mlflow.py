@@ -15,7 +15,7 @@ from romgrl.summary import HEADLINE, TRAINING_MINUTES
 from tests.browser.conftest import SCREENSHOTS
 from tests.faults.ports import free_port
 from tests.faults.servers import answers, process
-from tests.faults.test_locks import wait_until
+from tests.limits import wait_until
 from tests.pipeline.conftest import start
 
 pytestmark = [pytest.mark.slow, pytest.mark.browser]
@@ -55,7 +55,7 @@ def swept(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Swept]:
         process([*quiet, *shlex.split(command), "--port", str(port), "--workers", "1"], log.fileno()),
     ):
         server = f"http://127.0.0.1:{port}"
-        wait_until(lambda: answers(f"{server}/health"), seconds=240)
+        wait_until(lambda: answers(f"{server}/health"))
         yield Swept(said, server)
 
 

@@ -18,7 +18,7 @@ from pathlib import Path
 import pytest
 
 from tests.faults.ports import free_port
-from tests.faults.test_locks import wait_until
+from tests.limits import wait_until
 
 UNPRIVILEGED = "nobody"  # runs PostgreSQL where the tests run as root, which it refuses
 
@@ -30,7 +30,7 @@ def mlflow_server(directory: Path, database: str) -> Iterator[str]:
     command = [sys.executable, "-m", "mlflow", "server", "--host", "127.0.0.1", "--port", str(port), "--workers", "1"]
     command += ["--backend-store-uri", database, "--serve-artifacts", "--artifacts-destination", str(directory)]
     with (directory.parent / "mlflow.log").open("w", encoding="utf-8") as log, process(command, log.fileno()):
-        wait_until(lambda: answers(f"http://127.0.0.1:{port}/health"), seconds=120)
+        wait_until(lambda: answers(f"http://127.0.0.1:{port}/health"))
         yield f"http://127.0.0.1:{port}"
 
 
@@ -57,7 +57,7 @@ def postgresql() -> Iterator[str]:
             process([*server, "-h", "127.0.0.1", "-F"], log.fileno(), user),
         ):
             ready = [str(programs_of / "pg_isready"), "-q", "-h", "127.0.0.1", "-p", str(port)]
-            wait_until(lambda: subprocess.run(ready, check=False).returncode == 0, seconds=60)
+            wait_until(lambda: subprocess.run(ready, check=False).returncode == 0)
             yield f"postgresql+psycopg://romgrl@127.0.0.1:{port}/postgres"
     finally:
         shutil.rmtree(directory)

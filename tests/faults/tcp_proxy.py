@@ -8,6 +8,7 @@ import time
 from contextlib import suppress
 
 from tests.faults.ports import free_port
+from tests.limits import PATIENCE
 
 SLOW_SECONDS = 1.5  # per answer: a store that nobody should wait for
 ONCE = ("swallow", "cut", "late")
@@ -77,7 +78,7 @@ class Proxy:
     def _send_late(self, client: socket.socket, data: bytes) -> None:
         while more := client.recv(65536):  # until the client gives up
             data += more
-        self.release.wait(60)
+        self.release.wait(PATIENCE)
         with socket.create_connection(("127.0.0.1", self._target)) as server:
             server.sendall(data)
             server.recv(65536)

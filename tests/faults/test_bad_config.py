@@ -26,6 +26,7 @@ from romgrl.rom.parameters import SpringLegParameters, core_parameters
 from romgrl.validation import kind_of, schema_keys, value_of
 from tests.conftest import Composer
 from tests.faults.bad_configs import ALLOWED, FILES, HEAD, MISFITS, SPECIAL, Case, case, from_schema, typos
+from tests.limits import PATIENCE
 from tests.pipeline.conftest import ROOT
 
 SEED, TYPOS, PROCESSES, GOOD = 4, 30, 14, 50
@@ -104,7 +105,7 @@ def test_a_process_says_the_same_and_makes_nothing(tmp_path: Path, capsys: pytes
         command = [sys.executable, "-m", "romgrl", *arguments_of(cases[number], number, tmp_path)]
         environment = os.environ | {"PYTHONPATH": str(ROOT)}
         ended = subprocess.run(
-            command, cwd=here, env=environment, capture_output=True, text=True, timeout=120, encoding="utf-8"
+            command, cwd=here, env=environment, capture_output=True, text=True, encoding="utf-8", timeout=PATIENCE
         )
         return shortcoming(cases[number], (ended.returncode, ended.stdout, ended.stderr))
 

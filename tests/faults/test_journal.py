@@ -20,6 +20,7 @@ from romgrl.recorder import RecordedRun, Recorder, default_uri
 from romgrl.tracking.sender import ParentError, Sender
 from romgrl.tracking.store import Store
 from tests.faults.runs import FILES, Told, differences, stored
+from tests.limits import wait_until
 
 HEADER = {"uri": None, "experiment": "romgrl"}
 
@@ -221,10 +222,7 @@ def test_written_lines_come_to_the_disk(tmp_path: Path, monkeypatch: pytest.Monk
     monkeypatch.setattr(os, "fsync", lambda file: synced.append(os.fstat(file).st_size))
     recorder, written = journaled(tmp_path)
     recorder.start("x", tags={})
-    deadline = time.monotonic() + 20
-    while not synced or synced[-1] < written.path.stat().st_size:
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
+    wait_until(lambda: synced and synced[-1] >= written.path.stat().st_size)
     recorder.start("y", tags={})
     written.close()
     assert synced[-1] == written.path.stat().st_size

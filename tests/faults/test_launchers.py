@@ -20,7 +20,7 @@ from romgrl.errors import ConfigurationError
 from romgrl.launch import RUNNING
 from romgrl.workspace import CHECKPOINT
 from tests.faults import fake_slurm
-from tests.faults.test_locks import wait_until
+from tests.limits import LONG, PATIENCE, wait_until
 from tests.pipeline.conftest import start, trainings
 
 LAUNCHERS = ("joblib", "submitit_local", "submitit_slurm")
@@ -45,7 +45,7 @@ def begin(outputs: Path, launcher: str, *arguments: str, **variables: str) -> su
 
 def end(process: subprocess.Popen[str]) -> tuple[int, str, str]:
     """Exit code and what was said."""
-    out, err = process.communicate(timeout=120)
+    out, err = process.communicate(timeout=PATIENCE)
     return process.returncode, out, err
 
 
@@ -125,8 +125,7 @@ def test_joblib_trains_what_jobs_share_once(tmp_path: Path) -> None:
     assert {int(threads) for *_, threads, _ in students} == {max(1, pipeline.available_cores() // 2)}
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("launcher", ["joblib", "submitit_local"])
+@pytest.mark.parametrize("launcher", ["joblib", pytest.param("submitit_local", marks=pytest.mark.slow)])
 def test_failures_in_other_processes_are_told(tmp_path: Path, launcher: str) -> None:
     job = begin(tmp_path, launcher, "stage=baseline", "speed=1,4", FAKE_FAULT="baseline:diverge", FAKE_FAULT_CALLS="2")
     code, _, err = end(job)
@@ -134,11 +133,17 @@ def test_failures_in_other_processes_are_told(tmp_path: Path, launcher: str) -> 
     assert sorted(err.splitlines()) == [f"[speed={speed}] baseline: loss = nan at step 7" for speed in (1, 4)]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize(
+    "number",
+    [
+        pytest.param(signal.SIGINT, marks=pytest.mark.slow),
+        signal.SIGTERM,
+        pytest.param(signal.SIGHUP, marks=pytest.mark.slow),
+    ],
+)
 def test_a_signal_to_the_sweep_ends_its_jobs_in_good_order(tmp_path: Path, number: signal.Signals) -> None:
     """Two jobs run and save themselves; the third does not start. What a terminal sends comes to all."""
-    job = begin(tmp_path, "joblib", "stage=baseline", "speed=1,2,3", FAKE_SECONDS="60")
+    job = begin(tmp_path, "joblib", "stage=baseline", "speed=1,2,3", FAKE_SECONDS=LONG)
     wait_until(lambda: len(list(tmp_path.glob("artifacts/*/*.partial/curve.csv"))) == 0 and calls(tmp_path) == 2)
     for process in [*(jobs(tmp_path) if number != signal.SIGTERM else []), job.pid]:
         os.kill(process, number)
@@ -152,7 +157,7 @@ def test_a_signal_to_the_sweep_ends_its_jobs_in_good_order(tmp_path: Path, numbe
 
 @pytest.mark.slow
 def test_a_job_that_is_killed_is_told(tmp_path: Path) -> None:
-    job = begin(tmp_path, "joblib", "stage=baseline", "speed=1,2", FAKE_SECONDS="60")
+    job = begin(tmp_path, "joblib", "stage=baseline", "speed=1,2", FAKE_SECONDS=LONG)
     wait_until(lambda: calls(tmp_path) == 2)
     os.kill(jobs(tmp_path)[0], signal.SIGKILL)
     code, _, err = end(job)
@@ -184,7 +189,7 @@ def test_a_preempted_job_goes_on(tmp_path: Path, launcher: str) -> None:
     job = start("-m", *overrides, module="romgrl", PATH=path)
     preempted: set[Path] = set()
     while len(preempted) < 2:
-        wait_until(lambda: bool(training(outputs) - preempted), seconds=90)
+        wait_until(lambda: bool(training(outputs) - preempted))
         for workspace in training(outputs) - preempted:
             owner = json.loads(workspace.with_name(f".{workspace.stem}.owner").read_text(encoding="utf-8"))
             for number in [signal.SIGTERM, signal.SIGUSR2] if launcher == "submitit_slurm" else [signal.SIGUSR2]:

@@ -22,9 +22,10 @@ from romgrl import pipeline
 from romgrl.artifacts import open_artifact
 from romgrl.config import Config
 from romgrl.keys import stage_key
-from romgrl.locks import Owner, exclusive
+from romgrl.locks import Owner, exclusive, waited_for
 from romgrl.worker import working_lock
 from romgrl.workspace import Workspace
+from tests.limits import LONG, PATIENCE, wait_until
 from tests.pipeline import fake_stages
 from tests.pipeline.conftest import start, trainings
 from tests.pipeline.test_side_by_side import TWO, children
@@ -52,7 +53,7 @@ def run(config: Config, seconds: float = 0.0) -> str:
 def rounds(config: Config, barrier: Barrier, said: Path) -> None:
     """Need one teacher after the other, each at the same moment as the other processes."""
     for seed in range(ROUNDS):
-        barrier.wait(60)
+        barrier.wait(PATIENCE)
         with said.open("a", encoding="utf-8") as file:
             file.write(run(replace(config, seed=seed), seconds=0.1))
 
@@ -64,7 +65,7 @@ def test_one_of_many_processes_makes_it(teacher: Config, tmp_path: Path) -> None
     for process in processes:
         process.start()
     for process in processes:
-        process.join(120)
+        process.join(PATIENCE)
     assert [process.exitcode for process in processes] == [0] * PROCESSES
     made = len(trainings(Path(teacher.paths.outputs)))
     text = "".join(log.read_text(encoding="utf-8") for log in logs)
@@ -83,7 +84,7 @@ def test_a_dead_owner_is_taken_over(teacher: Config, tmp_path: Path, takeovers: 
     artifacts = Path(teacher.paths.outputs) / "artifacts" / "teacher"
     for seed in range(takeovers):
         config = replace(teacher, seed=seed)
-        owner = CONTEXT.Process(target=run, args=(config, 60.0))
+        owner = CONTEXT.Process(target=run, args=(config, PATIENCE))
         owner.start()
         wait_until(lambda: artifacts.is_dir() and any(artifacts.glob("*.partial")))
         log = tmp_path / f"{seed}.txt"
@@ -93,8 +94,8 @@ def test_a_dead_owner_is_taken_over(teacher: Config, tmp_path: Path, takeovers: 
             time.sleep(0.2)
         assert owner.pid is not None
         os.kill(owner.pid, signal.SIGKILL)
-        owner.join(20)
-        heir.join(20)
+        owner.join(PATIENCE)
+        heir.join(PATIENCE)
         assert heir.exitcode == 0
         assert f"was left behind by process {owner.pid} on " in log.read_text(encoding="utf-8")
         (published,) = (path for path in artifacts.iterdir() if path.is_dir())
@@ -112,15 +113,6 @@ def write_down(config: Config, log: Path) -> None:
     log.write_text(run(config), encoding="utf-8")
 
 
-def wait_until(condition: object, seconds: float = 20.0) -> None:
-    """Wait for a condition to become true."""
-    assert callable(condition)
-    deadline = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
-
-
 def test_who_waits_leaves_the_owner_alone(tmp_path: Path) -> None:
     """A job that is stopped while it waits neither takes the lock nor wipes out whose it is."""
     place, said = tmp_path / "teacher" / "key", list[str]()
@@ -136,13 +128,13 @@ def test_who_waits_leaves_the_owner_alone(tmp_path: Path) -> None:
 def test_a_killed_pipeline_takes_its_workers_with_it(tmp_path: Path) -> None:
     """Whoever takes over is alone: a worker that went on would write into the same workspace."""
     outputs = tmp_path / "outputs"
-    job = start(*TWO, "tracking=none", f"paths.outputs={outputs}", FAKE_SECONDS="60")
+    job = start(*TWO, "tracking=none", f"paths.outputs={outputs}", FAKE_SECONDS=LONG)
     wait_until(lambda: len(notes(outputs)) == 2)
     workers = children(job.pid)
     assert len(workers) == 2
     job.kill()
     job.wait()
-    wait_until(lambda: not any(alive(worker) for worker in workers), seconds=5.0)
+    wait_until(lambda: not any(alive(worker) for worker in workers))
 
 
 def alive(process: int) -> bool:
@@ -159,6 +151,14 @@ def notes(outputs: Path) -> list[str]:
     return path.read_text(encoding="utf-8").splitlines() if path.exists() else []
 
 
+def test_a_job_that_is_stopped_does_not_wait_for_an_old_worker(tmp_path: Path) -> None:
+    output = tmp_path / "key.partial"
+    with working_lock(output):
+        waiting = waited_for(working_lock(output), lambda: True)
+        with pytest.raises(KeyboardInterrupt), waiting:
+            pytest.fail("the lock was given twice")
+
+
 @pytest.mark.usefixtures("fakes")
 def test_a_stage_waits_until_an_old_worker_is_gone(teacher: Config, monkeypatch: pytest.MonkeyPatch) -> None:
     opened, original = threading.Event(), Workspace.open
@@ -170,4 +170,4 @@ def test_a_stage_waits_until_an_old_worker_is_gone(teacher: Config, monkeypatch:
             made = pool.submit(pipeline.run, teacher, console=Console(file=io.StringIO()))
             wait_until(lambda: Owner(place).path.exists())
             assert not opened.wait(0.5)
-        assert made.result(20)["teacher"] == place
+        assert made.result(PATIENCE)["teacher"] == place

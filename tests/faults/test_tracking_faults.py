@@ -10,7 +10,7 @@ import subprocess
 import sys
 import time
 import urllib.request
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,13 +19,15 @@ import pytest
 from romgrl.errors import TrackingError
 from romgrl.journal import journals
 from romgrl.recorder import Recorder, default_uri, open_recorder, sync, ui_command
+from romgrl.tracking_process import BLOCKED_SECONDS
 from tests.faults.ports import free_port
 from tests.faults.runs import FILES, Told, differences, stored
 from tests.faults.tcp_proxy import Proxy
+from tests.limits import PATIENCE, SLACK, wait_until
 from tests.pipeline.conftest import ROOT, start
 
-pytestmark = pytest.mark.slow
-LIMIT = 5.0  # seconds that a job may be blocked in all
+pytestmark = pytest.mark.xdist_group("tracking")  # one server for all of them
+LIMIT = BLOCKED_SECONDS + SLACK  # that a job may be blocked in all
 MLFLOW = str(Path(sys.executable).with_name("mlflow"))
 
 
@@ -46,13 +48,6 @@ class Server:
         return {path.relative_to(root).as_posix(): path.read_bytes() for path in root.rglob("*") if path.is_file()}
 
 
-def wait_until(condition: Callable[[], bool], seconds: float = 60.0) -> None:
-    deadline = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.05)
-
-
 def listening(port: int) -> bool:
     try:
         urllib.request.urlopen(f"http://127.0.0.1:{port}/health", timeout=2).close()
@@ -70,7 +65,7 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
     with (directory / "log").open("w", encoding="utf-8") as log:
         process = subprocess.Popen(command, stdout=log, stderr=log, start_new_session=True)
     try:
-        wait_until(lambda: listening(port), 120)
+        wait_until(lambda: listening(port))
         yield Server(directory, port)
     finally:
         os.killpg(process.pid, signal.SIGKILL)
@@ -122,6 +117,7 @@ def process_of(recorder: Recorder):  # type: ignore[no-untyped-def]
     return recorder.process
 
 
+@pytest.mark.slow
 def test_away_at_the_start_and_back(
     proxy: Proxy, server: Server, tmp_path: Path, request: pytest.FixtureRequest
 ) -> None:
@@ -138,7 +134,7 @@ def test_away_at_the_start_and_back(
     check(told, server, request)
 
 
-@pytest.mark.parametrize("mode", ["refuse", "hang"])
+@pytest.mark.parametrize("mode", ["refuse", pytest.param("hang", marks=pytest.mark.slow)])
 def test_away_in_the_middle_and_back(
     told: Told, proxy: Proxy, server: Server, request: pytest.FixtureRequest, mode: str
 ) -> None:
@@ -155,6 +151,7 @@ def test_away_in_the_middle_and_back(
     check(told, server, request)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", ["refuse", "hang"])
 def test_never_back_then_sync(
     proxy: Proxy,
@@ -181,6 +178,7 @@ def test_never_back_then_sync(
     assert sync(None, tmp_path) == ["nothing is left to bring to MLflow"]
 
 
+@pytest.mark.slow
 def test_hanging_when_the_job_ends(told: Told, proxy: Proxy, server: Server, request: pytest.FixtureRequest) -> None:
     told.start()
     wait_until(lambda: connected(told))
@@ -193,6 +191,7 @@ def test_hanging_when_the_job_ends(told: Told, proxy: Proxy, server: Server, req
     check(told, server, request)
 
 
+@pytest.mark.slow
 def test_slow_answers_are_not_waited_for(
     told: Told, proxy: Proxy, server: Server, request: pytest.FixtureRequest
 ) -> None:
@@ -209,6 +208,7 @@ def test_slow_answers_are_not_waited_for(
     check(told, server, request)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", ["swallow", "cut"])
 def test_answers_that_get_lost(
     told: Told, proxy: Proxy, server: Server, request: pytest.FixtureRequest, fault: str
@@ -230,6 +230,7 @@ def test_answers_that_get_lost(
     check(told, server, request)
 
 
+@pytest.mark.slow
 def test_a_request_that_arrives_after_it_was_given_up(
     told: Told, proxy: Proxy, server: Server, request: pytest.FixtureRequest
 ) -> None:
@@ -245,6 +246,7 @@ def test_a_request_that_arrives_after_it_was_given_up(
     assert stored(server.database, request.node.name).deleted == 1
 
 
+@pytest.mark.slow
 def test_the_process_of_mlflow_is_killed(told: Told, server: Server, request: pytest.FixtureRequest) -> None:
     told.start()
     wait_until(lambda: connected(told))
@@ -259,6 +261,7 @@ def test_the_process_of_mlflow_is_killed(told: Told, server: Server, request: py
     check(told, server, request)
 
 
+@pytest.mark.slow
 def test_the_process_of_mlflow_stands_still(
     told: Told, server: Server, request: pytest.FixtureRequest, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -289,12 +292,13 @@ os.kill(os.getpid(), signal.SIGKILL)
 """
 
 
+@pytest.mark.slow
 def test_the_job_and_its_process_are_killed(
     told: Told, proxy: Proxy, server: Server, tmp_path: Path, request: pytest.FixtureRequest
 ) -> None:
     outputs = tmp_path / "killed"
     command = [sys.executable, "-c", JOB, proxy.uri, request.node.name, str(outputs)]
-    ended = subprocess.run(command, cwd=ROOT, env=os.environ | {"PYTHONPATH": str(ROOT)}, timeout=120, check=False)
+    ended = subprocess.run(command, cwd=ROOT, env=os.environ | {"PYTHONPATH": str(ROOT)}, timeout=PATIENCE, check=False)
     assert ended.returncode == -signal.SIGKILL
     (path,) = journals(outputs)
     with path.open("ab") as torn:
@@ -312,23 +316,25 @@ def test_command_line(proxy: Proxy, server: Server, tmp_path: Path) -> None:
     options = ("tracking=server", f"tracking.uri={proxy.uri}", "tracking.experiment=command line", outputs)
     proxy.set("refuse")
     job = start("experiment=smoke", "stage=teacher", *options)
-    out, err = job.communicate(timeout=120)
+    out, err = job.communicate(timeout=PATIENCE)
     assert (job.returncode, err.count("warning: ")) == (0, 2), err
     local = re.findall(r"mlflow run: (local:[0-9a-f]{32})\n", out)
     away = start("stage=sync", outputs)
-    _, err = away.communicate(timeout=120)
+    _, err = away.communicate(timeout=PATIENCE)
     assert (away.returncode, len(err.splitlines())) == (3, 1), err
     assert f"MLflow at {proxy.uri}: " in err
     proxy.set("open")
     back = start("stage=sync", outputs)
-    out, err = back.communicate(timeout=120)
+    out, err = back.communicate(timeout=PATIENCE)
     assert (back.returncode, err) == (0, "")
     runs = {name: run_id for name, _, run_id in stored(server.database, "command line").runs}
-    assert sorted(runs) == ["experiment=smoke stage=teacher " + " ".join(options), "teacher"]
-    assert [f"{local[0]} is {runs['teacher']}: "] == re.findall(rf"{local[0]} is \w+: ", out)
-    assert {"manifest.json", "data.npz"} <= server.files(runs["teacher"]).keys()
+    (teacher,) = [run_id for name, run_id in runs.items() if name.startswith("teacher v=4 s=0")]
+    assert sorted(name.split()[0] for name in runs) == ["job", "teacher"]
+    assert [f"{local[0]} is {teacher}: "] == re.findall(rf"{local[0]} is \w+: ", out)
+    assert {"manifest.json", "data.npz"} <= server.files(teacher).keys()
 
 
+@pytest.mark.slow
 def test_the_line_that_is_printed_listens_on_loopback_only(tmp_path: Path) -> None:
     port = free_port()
     program, *rest = shlex.split(ui_command(default_uri(tmp_path)))
@@ -337,7 +343,7 @@ def test_the_line_that_is_printed_listens_on_loopback_only(tmp_path: Path) -> No
     with (tmp_path / "log").open("w", encoding="utf-8") as log:
         process = subprocess.Popen(command, stdout=log, stderr=log, start_new_session=True, env=environment)
     try:
-        wait_until(lambda: listening(port), 120)
+        wait_until(lambda: listening(port))
         addresses = listeners(port)
     finally:
         os.killpg(process.pid, signal.SIGKILL)

@@ -22,6 +22,7 @@ from romgrl.artifacts import load_arrays, open_artifact, save_tensors
 from romgrl.errors import ArtifactError
 from tests.faults.artifacts import describe, fill
 from tests.faults.damage import forge, replace_file, sign
+from tests.limits import PATIENCE
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -182,7 +183,7 @@ def test_a_configuration_executes_nothing(mark: Path, tmp_path: Path) -> None:
             cwd=ROOT,
             capture_output=True,
             text=True,
-            timeout=120,
+            timeout=PATIENCE,
             check=False,
             encoding="utf-8",
         )
@@ -247,7 +248,6 @@ SPECIAL: dict[str, Callable[[Path], object]] = {
 }
 
 
-@pytest.mark.timeout(20)
 @pytest.mark.parametrize("kind", SPECIAL)
 def test_links_and_special_files_are_refused(artifact: Path, kind: str) -> None:
     (artifact.parent / "outside.csv").write_bytes((artifact / "curve.csv").read_bytes())

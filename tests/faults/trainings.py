@@ -18,7 +18,7 @@ from romgrl.artifacts import save_arrays
 from romgrl.checkpoint import flatten
 from romgrl.config import Config
 from romgrl.progress import TerminalLog
-from romgrl.stages import student, teacher
+from romgrl.stages import selection, student, teacher
 from romgrl.stages.keeper import Keeper
 from tests.conftest import Composer
 
@@ -40,6 +40,7 @@ STUDENT = (
     "student.batch_size=32",
     "student.buffer_size=1600",
     "student.updates_per_step=0.15",
+    "student.candidates=4",
     "discriminator.batch_size=32",
     "discriminator.hidden_sizes=[32,16]",
     "discriminator.recent_steps=400",
@@ -98,6 +99,8 @@ class Recorder:
         patch.setattr(teacher, "CHECK_EPISODES", 2)
         patch.setattr(teacher, "CHECK_STEPS", 60)
         patch.setattr(student, "LOG_INTERVAL", 64)
+        patch.setattr(selection, "EPISODES", 4)
+        patch.setattr(selection, "STEPS", 30)
         self.patch, self.load = patch, load
 
     def again(self) -> None:

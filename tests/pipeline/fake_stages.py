@@ -14,6 +14,7 @@ from romgrl.artifacts import save_arrays, save_tensors
 from romgrl.config import Config
 from romgrl.errors import DivergenceError
 from romgrl.progress import StageLog
+from tests.limits import wait_until
 
 
 def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog) -> None:
@@ -55,10 +56,7 @@ def note(output: Path, file: str, *words: object) -> None:
 
 def wait_for(path: Path, lines: int) -> None:
     """Wait until a file has so many lines."""
-    deadline = time.monotonic() + 60
-    while not path.exists() or len(path.read_text(encoding="utf-8").splitlines()) < lines:
-        assert time.monotonic() < deadline
-        time.sleep(0.05)
+    wait_until(lambda: path.exists() and len(path.read_text(encoding="utf-8").splitlines()) >= lines)
 
 
 def install() -> None:

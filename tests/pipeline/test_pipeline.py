@@ -20,6 +20,7 @@ from romgrl.artifacts import open_artifact
 from romgrl.config import STAGES, Config
 from romgrl.errors import ArtifactError, DivergenceError
 from tests.conftest import Composer
+from tests.limits import LONG, PATIENCE
 from tests.pipeline.conftest import ROOT, Command, start, trainings
 
 
@@ -133,12 +134,12 @@ def test_exit_codes(command: Command, fault: str, code: int) -> None:
 def test_signals(tmp_path: Path, number: signal.Signals) -> None:
     """What a terminal and a scheduler send: the stage stops at once, its directory is kept, no traceback."""
     arguments = ("experiment=smoke", "stage=teacher", "tracking=none", f"paths.outputs={tmp_path}/outputs")
-    job = start(*arguments, FAKE_SECONDS="60")
+    job = start(*arguments, FAKE_SECONDS=LONG)
     partial = tmp_path / "outputs" / "artifacts" / "calls.txt"
     while not partial.exists():
         time.sleep(0.1)
     job.send_signal(number)
-    out, err = job.communicate(timeout=10)
+    out, err = job.communicate(timeout=PATIENCE)
     assert (job.returncode, err) == (128 + number, "")
     assert re.search(r"interrupted after 0:\d\d; kept /.*\.partial", out)
 
@@ -172,7 +173,7 @@ def test_parallel_jobs_train_once(tmp_path: Path) -> None:
     """Four processes want the same teacher at the same moment: one makes it, the others wait, say so, and use it."""
     arguments = ("experiment=smoke", "stage=teacher", "tracking=none", f"paths.outputs={tmp_path}/outputs")
     jobs = [start(*arguments, FAKE_SECONDS="3") for _ in range(4)]
-    texts = [job.communicate(timeout=120)[0] for job in jobs]
+    texts = [job.communicate(timeout=PATIENCE)[0] for job in jobs]
     assert [job.returncode for job in jobs] == [0] * 4
     assert len(trainings(tmp_path / "outputs")) == 1
     assert sum("teacher: done in" in text for text in texts) == 1

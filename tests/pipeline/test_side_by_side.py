@@ -7,20 +7,24 @@ import os
 import re
 import signal
 import subprocess
+from collections.abc import Collection
+from concurrent.futures import Future, wait
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import pytest
 from filelock import FileLock
 from rich.console import Console
 
-from romgrl import keys, pipeline
+from romgrl import interruption, keys, pipeline
 from romgrl.artifacts import load_tensors, open_artifact
 from romgrl.config import STAGES, Config
 from romgrl.keys import plan, share_threads, stage_key
 from romgrl.tracking.store import PARENT_TAG
 from tests.conftest import Composer
+from tests.limits import LONG, PATIENCE
 from tests.pipeline.conftest import Command, start, trainings
 from tests.pipeline.fake_stages import wait_for
 from tests.pipeline.test_tracking import all_runs
@@ -138,7 +142,7 @@ def partials(outputs: Path) -> dict[str, list[str]]:
 
 
 def test_a_failure_stops_the_other_stage(command: Command, tmp_path: Path) -> None:
-    result = command(*TWO, FAKE_FAULT="baseline:diverge", FAKE_FAULT_CALLS="2", FAKE_SECONDS="60")
+    result = command(*TWO, FAKE_FAULT="baseline:diverge", FAKE_FAULT_CALLS="2", FAKE_SECONDS=LONG)
     assert (result.returncode, result.stderr) == (4, "baseline: loss = nan at step 7\n")
     assert re.search(r"teacher: interrupted after 0:\d\d; kept /.*\.partial", result.stdout)
     assert re.search(r"baseline: failed after 0:\d\d; kept /.*\.partial", result.stdout)
@@ -150,10 +154,10 @@ def test_a_failure_stops_the_other_stage(command: Command, tmp_path: Path) -> No
 def test_a_process_that_dies_is_named(tmp_path: Path) -> None:
     """As when the system runs out of memory and kills it."""
     outputs = tmp_path / "outputs"
-    job = start(*TWO, "tracking=none", f"paths.outputs={outputs}", FAKE_SECONDS="60")
+    job = start(*TWO, "tracking=none", f"paths.outputs={outputs}", FAKE_SECONDS=LONG)
     wait_for(outputs / "artifacts" / "calls.txt", 2)
     os.kill(children(job.pid)[0], signal.SIGKILL)
-    _, err = job.communicate(timeout=30)
+    _, err = job.communicate(timeout=PATIENCE)
     assert job.returncode == 1
     assert re.fullmatch(r"(baseline|teacher): its process ended with SIGKILL\n", err)
 
@@ -170,17 +174,38 @@ def children(process: int) -> list[int]:
 def test_signals_end_both_in_good_order(tmp_path: Path, number: signal.Signals, to_all: bool) -> None:
     """A terminal signals the job, a scheduler every process; checkpoints of both stages are kept."""
     outputs = tmp_path / "outputs"
-    job = start(*TWO, "tracking=none", f"paths.outputs={outputs}", FAKE_SECONDS="60")
+    job = start(*TWO, "tracking=none", f"paths.outputs={outputs}", FAKE_SECONDS=LONG)
     wait_for(outputs / "artifacts" / "calls.txt", 2)
     workers = children(job.pid)
     assert len(workers) == 2
     for process in [*workers, job.pid] if to_all else [job.pid]:
         os.kill(process, number)
-    out, err = job.communicate(timeout=20)
+    out, err = job.communicate(timeout=PATIENCE)
     assert (job.returncode, err) == (128 + number, "")
     assert len(re.findall(r"(?:teacher|baseline): interrupted after 0:\d\d; kept /.*\.partial", out)) == 2
     assert partials(outputs) == {"baseline": ["half.npz"], "teacher": ["half.npz"]}
     assert not any(Path(f"/proc/{worker}").exists() for worker in workers)
+
+
+@pytest.mark.usefixtures("fakes")
+def test_a_signal_leaves_no_lock_held(smoke_config: Config, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It comes where the thread that waits for the stages holds the lock of one, which its own thread needs to end."""
+    monkeypatch.setenv("FAKE_SECONDS", LONG)
+    signals = [signal.SIGINT]
+
+    def interrupted(futures: Collection[Future[None]], *arguments: Any, **named: Any) -> Any:
+        for future in futures if signals else []:
+            future._condition.acquire()  # type: ignore[attr-defined]
+        if signals:
+            signal.raise_signal(signals.pop())
+            for future in futures:
+                future._condition.release()  # type: ignore[attr-defined]
+        return wait(futures, *arguments, **named)
+
+    monkeypatch.setattr(pipeline, "wait", interrupted)
+    config = replace(smoke_config, threads=2, tracking=replace(smoke_config.tracking, enabled=False))
+    with pytest.raises(interruption.Interrupted):
+        pipeline.run(config, console=Console(file=io.StringIO()))
 
 
 @pytest.mark.usefixtures("fakes")
@@ -195,7 +220,7 @@ def test_a_job_that_waits_for_another_can_be_interrupted(tmp_path: Path, compose
         waiting = f"baseline: {key} is being made by another process; waiting for it"
         assert any(waiting in line for line in job.stdout)
         job.send_signal(signal.SIGINT)
-        _, err = job.communicate(timeout=60)
+        _, err = job.communicate(timeout=PATIENCE)
     assert (job.returncode, err) == (130, "")
 
 

@@ -23,6 +23,7 @@ from romgrl.config import STAGES, Config
 from romgrl.recorder import NOTE, default_uri, open_recorder, sync
 from romgrl.summary import TRAINING_MINUTES
 from romgrl.tracking.store import PARENT_TAG, RefusedError, Store
+from tests.limits import PATIENCE, wait_until
 from tests.pipeline.conftest import ROOT, Command, start
 
 
@@ -133,7 +134,7 @@ def test_four_processes_open_a_fresh_store_at_once(tmp_path: Path) -> None:
     )
     command = [sys.executable, "-c", script, str(tmp_path)]
     jobs = [subprocess.Popen(command, cwd=ROOT, stderr=subprocess.PIPE, text=True, encoding="utf-8") for _ in range(4)]
-    errors = [job.communicate(timeout=120)[1] for job in jobs]
+    errors = [job.communicate(timeout=PATIENCE)[1] for job in jobs]
     assert [job.returncode for job in jobs] == [0] * 4, errors
     assert errors == [""] * 4
     runs = all_runs(tmp_path)
@@ -192,10 +193,7 @@ def test_a_pipeline_that_is_killed_leaves_no_run_open(tmp_path: Path) -> None:
 
 def wait_for_runs(outputs: Path, status: Mapping[str, str]) -> None:
     """Wait until the runs of a store have a status, by stage."""
-    deadline = time.monotonic() + 60
-    while {run.data.tags["stage"]: run.info.status for run in all_runs(outputs)} != status:
-        assert time.monotonic() < deadline
-        time.sleep(0.2)
+    wait_until(lambda: {run.data.tags["stage"]: run.info.status for run in all_runs(outputs)} == status)
 
 
 @pytest.mark.slow

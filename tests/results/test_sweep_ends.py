@@ -9,6 +9,7 @@ import pandas as pd
 import pytest
 
 from romgrl.results.sweeps import sweeps
+from tests.limits import PATIENCE
 from tests.pipeline.conftest import Command, start, trainings
 
 SWEEP = ("-m", "experiment=smoke", "stage=evaluation", "eta=0.3,0.5")
@@ -51,7 +52,7 @@ def test_jobs_in_other_processes_are_joined_too(tmp_path: Path) -> None:
     process = start(
         *SWEEP, "hydra/launcher=joblib", "tracking=none", f"paths.outputs={tmp_path}", module="tests.pipeline.fake_jobs"
     )
-    out, err = process.communicate(timeout=120)
+    out, err = process.communicate(timeout=PATIENCE)
     assert process.returncode == 0, err
     assert "sweep: tables and figures of all jobs: " in out
     jobs = pd.read_csv(next(tmp_path.glob("sweeps/*/results/jobs.csv")))

@@ -8,6 +8,7 @@ import pytest
 
 from romgrl.rom import _core
 from romgrl.rom.mirror import MIRROR_OBSERVATION
+from tests.limits import PATIENCE
 from tests.rom.worlds import FEET, Worlds, core_parameters, pose
 
 pytestmark = pytest.mark.usefixtures("engine")
@@ -185,7 +186,7 @@ del worlds
 sys.exit(status)
 """
     result = subprocess.run(
-        [sys.executable, "-c", code, engine], capture_output=True, text=True, timeout=60, encoding="utf-8"
+        [sys.executable, "-c", code, engine], capture_output=True, text=True, encoding="utf-8", timeout=PATIENCE
     )
     assert result.returncode == 0, result.stderr
     assert len(set(result.stdout.split())) == 1

@@ -10,6 +10,7 @@ import pytest
 from romgrl.rom import _core
 from romgrl.rom.parameters import SpringLegParameters
 from romgrl.rom.vector_env import SpringLegVectorEnv
+from tests.limits import PATIENCE
 from tests.rom.worlds import Worlds, core_parameters, pose
 
 
@@ -180,7 +181,7 @@ for trial in range(400):
 print(refused, stepped)
 """
     result = subprocess.run(
-        [sys.executable, "-c", code, engine], capture_output=True, text=True, timeout=120, encoding="utf-8"
+        [sys.executable, "-c", code, engine], capture_output=True, text=True, encoding="utf-8", timeout=PATIENCE
     )
     assert result.returncode == 0, result.stderr
     refused, stepped = map(int, result.stdout.split())

@@ -27,6 +27,7 @@ SMALL = (
     "student.learning_starts=500",
     "student.batch_size=32",
     "student.updates_per_step=0.05",
+    "student.candidates=2",
     "discriminator.batch_size=64",
 )
 JUDGED_OFTEN = ("student.updates_per_step=0.3", "discriminator.update_interval=1")

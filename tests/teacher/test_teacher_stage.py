@@ -117,7 +117,6 @@ def test_null_dimensions_come_from_the_humanoid(compose_config: Composer) -> Non
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(900)
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_default_teacher_runs_at_4_metres_per_second(compose_config: Composer, seed: int, tmp_path: Path) -> None:
     config = compose_config(f"seed={seed}", "threads=2")

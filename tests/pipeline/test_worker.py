@@ -1,0 +1,78 @@
+"""A stage in a process of its own never leaves its job waiting."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from collections.abc import Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+
+from romgrl.config import Config
+from romgrl.progress import SilentLog, StageLog
+from romgrl.worker import Worker
+from tests.limits import PATIENCE
+
+
+def talk(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog) -> None:
+    """A stage that speaks for ever, and writes down that it was interrupted."""
+    try:
+        while True:
+            log.message("still here")
+            time.sleep(0.01)
+    except KeyboardInterrupt:
+        (output / "interrupted").touch()
+        raise
+
+
+def nothing(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog) -> None:
+    """A stage that is done."""
+
+
+class BrokenLog(SilentLog):
+    """The voice of a job whose terminal is gone."""
+
+    def message(self, text: str) -> None:
+        raise BrokenPipeError(32, "Broken pipe")
+
+
+@pytest.fixture
+def worker() -> Iterator[Worker]:
+    """A worker that is gone after the test, whatever happened."""
+    worker = Worker()
+    yield worker
+    worker.kill()
+    worker.close()
+
+
+def test_a_log_that_fails_ends_the_stage_in_good_order(worker: Worker, smoke_config: Config, tmp_path: Path) -> None:
+    """A broken pipe of the terminal is none of the worker's: its process lives, and its end is not to be waited for."""
+    output = tmp_path / "teacher" / "key.partial"
+    output.mkdir(parents=True)
+    with ThreadPoolExecutor(1) as pool:
+        ran = pool.submit(worker.run, "tests.pipeline.test_worker:talk", smoke_config, {}, output, BrokenLog())
+        try:
+            with pytest.raises(BrokenPipeError):
+                ran.result(PATIENCE)
+        finally:
+            worker.kill()
+    assert (output / "interrupted").exists()
+    with pytest.raises(KeyboardInterrupt):  # nothing starts where what was said last is not known
+        worker.run("tests.pipeline.test_worker:talk", smoke_config, {}, output, SilentLog())
+
+
+def test_a_process_that_does_not_end_is_killed(
+    worker: Worker, smoke_config: Config, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It has nothing to do any more; the job has."""
+    monkeypatch.setattr("romgrl.worker.ENDING_SECONDS", 0.1)
+    output = tmp_path / "teacher" / "key.partial"
+    output.mkdir(parents=True)
+    worker.run("tests.pipeline.test_worker:nothing", smoke_config, {}, output, SilentLog())
+    assert worker._process is not None
+    os.kill(worker._process.pid, signal.SIGSTOP)
+    worker.close()
+    assert worker._process.returncode == -signal.SIGKILL
