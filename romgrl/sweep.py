@@ -22,12 +22,12 @@ from hydra.experimental.callback import Callback
 from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 
+from romgrl.cores import available_cores
 from romgrl.errors import ConfigurationError, RomgrlError
 from romgrl.interruption import SIGNALS
 from romgrl.journal import redacted
 from romgrl.launch import LAUNCH_VARIABLE, PARENT_VARIABLE, SHARES_TERMINAL, Launch
 from romgrl.loading import stored_sweep, sweep_jobs
-from romgrl.pipeline import available_cores
 from romgrl.provenance import machine
 from romgrl.recorder import open_recorder
 from romgrl.results.sweeps import SWEEP_VARIABLE, read_sweep, settings, write_sweep
