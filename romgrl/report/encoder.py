@@ -1,4 +1,4 @@
-"""Writes films with ffmpeg, a program of its own: it may be missing, lack H.264, hang or die, and is told on one line."""
+"""Writes films with ffmpeg, a program of its own that may be missing, lack H.264, hang or die: one line says so."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class Encoder:
 
     def write(self, frame: Image) -> None:
         """Hand a picture over."""
-        left = memoryview(np.ascontiguousarray(frame)).cast("B")
+        left = memoryview(frame.tobytes())
         while left:
             if not self._room.poll(STALL_SECONDS * 1000):
                 raise FilmError(f"{self._name} hangs: it has taken no picture for {STALL_SECONDS:g} s")
