@@ -15,6 +15,7 @@ from hydra.types import RunMode
 from romgrl.composition import first_line, problems, register_schema
 from romgrl.errors import ConfigurationError
 from romgrl.loading import Loader, stored_sweep
+from romgrl.surroundings import settle
 from romgrl.validation import (
     allowed,
     bad_value,
@@ -55,6 +56,7 @@ def faults(arguments: Sequence[str]) -> list[str]:
 
 def checked(arguments: Sequence[str]) -> list[str]:
     """The arguments as Hydra's parser wants them; ConfigurationError where something is wrong with them."""
+    settle()
     if lines := faults(arguments):
         raise ConfigurationError("\n".join(lines))
     return flags_first(arguments)
