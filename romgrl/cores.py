@@ -78,7 +78,9 @@ def read_mounts(path: Path) -> Iterator[Mount]:
 def shares(mount: Mount, group: PurePosixPath) -> Iterator[float]:
     """Yield the quota, in cores, of a group and of each around it up to the top of what is mounted."""
     inside = group.relative_to(mount.top) if group.is_relative_to(mount.top) else PurePosixPath()
-    place = mount.place.joinpath(*(part for part in inside.parts if part not in ("/", "..")))
+    if ".." in inside.parts:  # in another part of the tree than what this namespace sees
+        return
+    place = mount.place.joinpath(*(part for part in inside.parts if part != "/"))
     while place.is_relative_to(mount.place):
         if mount.version == 2:
             numbers = read(place / "cpu.max").split()

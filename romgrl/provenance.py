@@ -7,7 +7,6 @@ import platform
 import subprocess
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
 
 import romgrl
 
@@ -52,7 +51,7 @@ def processor() -> str:
 
 def git_state() -> tuple[str | None, bool | None]:
     """Revision and whether files differ from it; (None, None) outside a checkout of this project."""
-    root = Path(romgrl.__file__).resolve().parent.parent
+    root = root_of_sources()
     if _hung or not (root / ".git").exists():
         return None, None
     try:
@@ -61,6 +60,11 @@ def git_state() -> tuple[str | None, bool | None]:
     except (OSError, ValueError, subprocess.SubprocessError) as error:
         _hung.extend([error] if isinstance(error, subprocess.TimeoutExpired) else [])
         return None, None
+
+
+def root_of_sources() -> Path:
+    """Directory that the package lies in; of a checkout, its root."""
+    return Path(romgrl.__file__).resolve().parent.parent
 
 
 def _git(root: Path, *arguments: str) -> str:

@@ -186,10 +186,8 @@ class Recorder:
             )
 
     def _away(self, reason: str) -> None:
-        self._tell(
-            "away",
-            f"MLflow at {redacted(self.uri)} failed ({redacted(reason)}{proxy_note(self.uri)}); going on, everything is kept",
-        )
+        why = redacted(reason) + proxy_note(self.uri)
+        self._tell("away", f"MLflow at {redacted(self.uri)} failed ({why}); going on, everything is kept")
 
     def _tell(self, topic: str, text: str) -> None:
         if topic not in self._told:

@@ -43,5 +43,5 @@ def proxy_note(uri: str) -> str:
         return ""
     names = [name for name in os.environ if name.lower() == f"{scheme}_proxy" and os.environ[name] == proxies[scheme]]
     variable = names[0] if names else f"{scheme}_proxy"
-    proxy = proxies[scheme].rpartition("@")[2]  # without its password
+    proxy = proxies[scheme].rpartition("://")[2].rpartition("@")[2]  # without its password
     return f"; {host} is asked through the proxy {proxy} of {variable}; NO_PROXY={host} leaves it out"
