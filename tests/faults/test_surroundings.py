@@ -100,10 +100,11 @@ def test_a_job_runs_whatever_the_environment_says(command: Command) -> None:
 
 def test_what_was_set_for_other_programs_is_left_out() -> None:
     environment = {"PYTHONWARNINGS": "error", "HTTPS_PROXY": "http://proxy:3128", "NO_PROXY": "inside,localhost"}
-    with warnings.catch_warnings():
+    with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("error")
         surroundings.settle(environment)
         warnings.warn("a library changes", FutureWarning, stacklevel=1)
+    assert len(told) == 1
     assert environment["no_proxy"] == environment["NO_PROXY"] == "inside,localhost,127.0.0.1,::1"
     assert "PYTHONWARNINGS" not in environment
     kept = {"PYTHONWARNINGS": "ignore", "NO_PROXY": "*", "ALL_PROXY": "socks5://proxy"}

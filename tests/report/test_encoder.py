@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
 import sys
 from pathlib import Path
 
@@ -14,6 +16,7 @@ from romgrl.progress import SilentLog
 from romgrl.report import encoder, preview
 from romgrl.report.side_by_side import FILM
 from romgrl.stages import report
+from tests.pipeline.conftest import ROOT
 
 FRAMES = np.zeros((30, 64, 64, 3), np.uint8)
 NO_ENCODER = "echo \"Unknown encoder 'libx264'\" >&2; exit 1"
@@ -61,6 +64,18 @@ def test_no_half_film_stays_of_an_interrupted_job(tmp_path: Path) -> None:
     with pytest.raises(KeyboardInterrupt):
         encoder.write_film(tmp_path / "walk.mp4", frames(), 1 / 30)
     assert not (tmp_path / "walk.mp4").exists()
+
+
+FIGURE = """
+import sys
+from pathlib import Path
+from romgrl.report.style import new_figure, save
+figure = new_figure(2, 2)
+axes = figure.subplots()
+axes.plot([1, 2], [3, 4])
+axes.set_title("$x$ of_it")
+save(figure, Path(sys.argv[1]), sys.argv[2])
+"""
 
 
 class Camera:
@@ -111,17 +126,10 @@ def test_no_preview_without_a_working_ffmpeg(
 
 def test_a_matplotlibrc_changes_no_figure(tmp_path: Path) -> None:
     """Nor does it ask for a LaTeX that is not there."""
-    import os
-    import subprocess
-
     settings = tmp_path / "matplotlibrc"
     settings.write_text("text.usetex: true\nlines.linewidth: 9\naxes.facecolor: black\nsavefig.bbox: tight\n")
-    script = (
-        "import sys; from pathlib import Path; from romgrl.report.style import new_figure, save\n"
-        "figure = new_figure(2, 2); axes = figure.subplots(); axes.plot([1, 2], [3, 4]); axes.set_title('$x$ of_it')\n"
-        "save(figure, Path(sys.argv[1]), sys.argv[2])"
-    )
     for name, variables in (("plain", {}), ("odd", {"MATPLOTLIBRC": str(settings)})):
-        subprocess.run([sys.executable, "-c", script, tmp_path, name], check=True, env=os.environ | variables)
+        command = [sys.executable, "-c", FIGURE, tmp_path, name]
+        subprocess.run(command, check=True, cwd=ROOT, env=os.environ | variables)
     for kind in ("png", "pdf"):
         assert (tmp_path / f"plain.{kind}").read_bytes() == (tmp_path / f"odd.{kind}").read_bytes()
