@@ -2,6 +2,8 @@
 
 import os
 
+import romgrl.humanoid  # noqa: F401 - MuJoCo, whatever MUJOCO_GL says
+
 USERS_ENVIRONMENT = dict(os.environ)
 """What the peers are started with."""
 

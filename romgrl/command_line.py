@@ -16,6 +16,7 @@ from romgrl.addresses import as_typed
 from romgrl.composition import first_line, problems, register_schema
 from romgrl.errors import ConfigurationError
 from romgrl.loading import Loader, stored_sweep
+from romgrl.surroundings import settle
 from romgrl.typed_text import is_any_text
 from romgrl.validation import (
     allowed,
@@ -76,6 +77,7 @@ def faults(arguments: Sequence[str]) -> list[str]:
 
 def checked(arguments: Sequence[str]) -> list[str]:
     """The arguments as Hydra's parser wants them; ConfigurationError where something is wrong with them."""
+    settle()
     if lines := faults(arguments):
         raise ConfigurationError("\n".join(lines))
     return flags_first(arguments)

@@ -19,6 +19,7 @@ from rich.console import Console
 
 from romgrl import interruption, pipeline
 from romgrl.config import Config
+from romgrl.cores import available_cores
 from romgrl.display import protect
 from romgrl.errors import LaunchError, RomgrlError
 from romgrl.results.sweeps import JobEnd, note_end, position
@@ -126,7 +127,7 @@ def run_job(config: Config, overrides: Sequence[str]) -> None:
         return
     label = launch.label(own)
     console = Console(file=Labelled(sys.stdout, label), width=160, force_terminal=False)
-    shared = replace(config, threads=config.threads or max(1, pipeline.available_cores() // launch.at_once))
+    shared = replace(config, threads=config.threads or max(1, available_cores() // launch.at_once))
     run = partial(pipeline.run, shared, overrides=own, parent=parent, place=place, console=console)
     try:
         run_launched(launch, lambda: run_noted(own, run))

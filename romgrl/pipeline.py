@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Collection, Mapping, Sequence
 from concurrent.futures import FIRST_EXCEPTION, Future, ThreadPoolExecutor, wait
 from dataclasses import asdict, replace
@@ -14,6 +13,7 @@ from rich.console import Console
 from romgrl import interruption
 from romgrl.config import STAGES as PIPELINE
 from romgrl.config import Config
+from romgrl.cores import available_cores
 from romgrl.job import Job
 from romgrl.journal import redacted
 from romgrl.keys import STAGES, plan, share_threads
@@ -132,12 +132,6 @@ def resolve(config: Config) -> Config:
     return replace(
         config, threads=config.threads or available_cores(), paths=replace(config.paths, outputs=str(outputs))
     )
-
-
-def available_cores() -> int:
-    """Cores that this process may use: its share of the machine, and of a job of Slurm."""
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return min(cores, int(os.environ.get("SLURM_CPUS_PER_TASK", cores)))
 
 
 def run_stages(job: Job) -> None:

@@ -11,7 +11,11 @@ from pathlib import Path
 import romgrl
 
 COMPUTING = ("python", "romgrl", "torch", "numpy", "mujoco")
+GIT_SECONDS = 10.0  # that git may take; one that took longer is not asked again
+OTHER_REPOSITORY = ("GIT_DIR", "GIT_WORK_TREE", "GIT_INDEX_FILE", "GIT_COMMON_DIR", "GIT_OBJECT_DIRECTORY")
 LIBRARIES = ("torch", "numpy", "mujoco", "gymnasium", "safetensors")
+
+_hung: list[subprocess.TimeoutExpired] = []
 
 
 def versions() -> dict[str, str]:
@@ -47,17 +51,33 @@ def processor() -> str:
 
 def git_state() -> tuple[str | None, bool | None]:
     """Revision and whether files differ from it; (None, None) outside a checkout of this project."""
-    root = Path(romgrl.__file__).resolve().parent.parent
-    if not (root / ".git").exists():
+    root = root_of_sources()
+    if _hung or not (root / ".git").exists():
         return None, None
     try:
         revision = _git(root, "rev-parse", "HEAD")
         return revision, bool(_git(root, "status", "--porcelain"))
-    except (OSError, subprocess.SubprocessError):
+    except (OSError, ValueError, subprocess.SubprocessError) as error:
+        _hung.extend([error] if isinstance(error, subprocess.TimeoutExpired) else [])
         return None, None
 
 
+def root_of_sources() -> Path:
+    """Directory that the package lies in; of a checkout, its root."""
+    return Path(romgrl.__file__).resolve().parent.parent
+
+
 def _git(root: Path, *arguments: str) -> str:
-    command = ["git", "-C", str(root), *arguments]
-    done = subprocess.run(command, capture_output=True, check=True, timeout=10, encoding="utf-8", errors="replace")
+    command = ["git", "--no-optional-locks", "-C", str(root), *arguments]
+    environment = {name: value for name, value in os.environ.items() if name not in OTHER_REPOSITORY}
+    done = subprocess.run(
+        command,
+        env=environment,
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        encoding="utf-8",
+        errors="replace",
+        check=True,
+        timeout=GIT_SECONDS,
+    )
     return done.stdout.strip()

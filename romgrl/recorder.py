@@ -21,6 +21,7 @@ from romgrl.addresses import as_typed, sqlite_address, sqlite_path
 from romgrl.artifacts import require_right
 from romgrl.errors import TrackingError
 from romgrl.journal import Journal, journal_directory, journals, redacted
+from romgrl.surroundings import proxy_note
 from romgrl.tracking_process import TrackingProcess
 
 LOCAL = "local:"  # before the id of a run that MLflow has not named yet
@@ -41,7 +42,8 @@ def ui_command(uri: str) -> str:
     if uri.startswith("http"):
         return f"open {redacted(uri)}"
     beside_python = Path(sys.executable).with_name("mlflow")
-    program = "mlflow" if shutil.which("mlflow") or not beside_python.exists() else shlex.quote(str(beside_python))
+    own = shutil.which("mlflow") == str(beside_python) or not beside_python.exists()
+    program = "mlflow" if own else shlex.quote(str(beside_python))  # another one may not know this store
     return f"{program} ui --backend-store-uri {shlex.quote(redacted(uri))} --host 127.0.0.1"
 
 
@@ -188,7 +190,8 @@ class Recorder:
             )
 
     def _away(self, reason: str) -> None:
-        self._tell("away", f"MLflow at {redacted(self.uri)} failed ({redacted(reason)}); going on, everything is kept")
+        why = redacted(reason) + proxy_note(self.uri)
+        self._tell("away", f"MLflow at {redacted(self.uri)} failed ({why}); going on, everything is kept")
 
     def _tell(self, topic: str, text: str) -> None:
         if topic not in self._told:
@@ -269,5 +272,5 @@ def sync(uri: str | None, outputs: Path) -> list[str]:
     finally:
         process.kill()
     if process.failure is not None:
-        raise TrackingError("\n".join([*process.texts, redacted(process.failure)]))
+        raise TrackingError("\n".join([*process.texts, redacted(process.failure) + proxy_note(uri or "")]))
     return process.texts or ["nothing is left to bring to MLflow"]

@@ -23,12 +23,12 @@ from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 
 from romgrl.artifacts import require_right, storage_faults
+from romgrl.cores import available_cores
 from romgrl.errors import ConfigurationError, RomgrlError, StorageError
 from romgrl.interruption import SIGNALS
 from romgrl.journal import redacted
 from romgrl.launch import LAUNCH_VARIABLE, PARENT_VARIABLE, SHARES_TERMINAL, Launch
 from romgrl.loading import stored_sweep, sweep_jobs
-from romgrl.pipeline import available_cores
 from romgrl.provenance import machine
 from romgrl.recorder import open_recorder
 from romgrl.results.sweeps import SWEEP_VARIABLE, read_sweep, settings, write_sweep

@@ -11,6 +11,7 @@ import pytest
 from hydra import compose, initialize_config_dir
 from hydra.core.global_hydra import GlobalHydra
 
+import romgrl.humanoid  # noqa: F401 - MuJoCo, before a test imports it under a MUJOCO_GL that does not work here
 from romgrl import interruption, keys
 from romgrl.composition import CONF, register_schema, to_config
 from romgrl.config import Config

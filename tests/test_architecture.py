@@ -76,12 +76,13 @@ ALLOWED = {
     "summary": {"gait"},
     "titles": {"artifacts", "config", "keys", "progress", "results", "summary", "validation"},
     "journal": set(),
-    "recorder": {"addresses", "artifacts", "errors", "journal", "tracking_process"},
+    "recorder": {"addresses", "artifacts", "errors", "journal", "surroundings", "tracking_process"},
     "tracking": {"addresses", "artifacts", "display", "errors", "journal", "recorder", "summary"},
     "remote": {"artifacts", "errors", "recorder"},
     "tracking_process": set(),
     "pipeline": {
         "config",
+        "cores",
         "interruption",
         "job",
         "journal",
@@ -116,12 +117,13 @@ ALLOWED = {
     "composition": {"config", "draws", "errors", "misfits", "targets", "validation"},
     "draws": set(),
     "loading": {"composition", "targets", "typed_text", "validation"},
-    "command_line": {"addresses", "composition", "errors", "loading", "typed_text", "validation"},
+    "command_line": {"addresses", "composition", "errors", "loading", "surroundings", "typed_text", "validation"},
     "targets": {"typed_text", "whole_paths"},
-    "launch": {"config", "display", "errors", "interruption", "pipeline", "results"},
+    "launch": {"config", "cores", "display", "errors", "interruption", "pipeline", "results"},
     "endings": {"errors"},
     "sweep": {
         "artifacts",
+        "cores",
         "errors",
         "interruption",
         "journal",
@@ -141,6 +143,8 @@ ALLOWED = {
     "typed_text": {"addresses", "validation"},
     "whole_paths": {"addresses"},
     "sweep_directory": {"addresses", "errors", "launch", "validation"},
+    "cores": set(),
+    "surroundings": set(),
 }
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import functools
-import importlib
 import os
 import subprocess
 import sys
@@ -17,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from romgrl.errors import RomgrlError
+from romgrl.humanoid import opengl
 from romgrl.humanoid.model import dimensions
 
 Image = NDArray[np.uint8]
@@ -55,14 +55,11 @@ def backend() -> str:
     Each is tried in a process of its own, because PyOpenGL binds one library for the life of a process and a missing
     driver may abort. Raises RenderingError if none works.
     """
-    wanted = os.environ.get("MUJOCO_GL", "").lower().strip()
-    if wanted in ("disable", "disabled", "off", "false", "0"):
+    if opengl.wish() in opengl.OFF:
         raise RenderingError("rendering is switched off by MUJOCO_GL")
-    candidates: tuple[str, ...] = ("egl", "osmesa", "glfw") if sys.platform.startswith("linux") else ("cgl", "glfw")
-    if wanted in candidates:
-        candidates = (wanted,)
-    for name in candidates:
-        environment = {**os.environ, "MUJOCO_GL": "disable"}
+    for name in opengl.candidates():
+        environment = {**os.environ, opengl.VARIABLE: "disable"}
+        opengl.free(environment, name)
         try:
             done = subprocess.run(
                 [sys.executable, "-c", _PROBE, name], env=environment, capture_output=True, timeout=60, check=False
@@ -71,7 +68,7 @@ def backend() -> str:
             continue
         if done.returncode == 0:
             return name
-    raise RenderingError(f"no OpenGL for pictures of the humanoid (tried {', '.join(candidates)})")
+    raise RenderingError(f"no OpenGL for pictures of the humanoid (tried {', '.join(opengl.candidates())})")
 
 
 class SideCamera:
@@ -83,14 +80,20 @@ class SideCamera:
     def __init__(self, model: mujoco.MjModel, *, width: int = 640, height: int = 480) -> None:
         if width < 1 or height < 1:
             raise ValueError(f"a picture of {width} x {height} pixels has no content")
-        context = importlib.import_module(f"mujoco.{backend()}").GLContext
+        name = backend()
+        self._context: Any = None
+        self.remark = opengl.remark(name)
+        """What to tell about the wish of the environment that was not fulfilled."""
         self._model = _plain_copy(model, width, height)
         self._data = mujoco.MjData(self._model)
         self._rect = mujoco.MjrRect(0, 0, width, height)
         self._pixels = np.zeros((height, width, 3), dtype=np.uint8)
-        self._gl = context(width, height)
-        self._gl.make_current()
-        self._context: Any = mujoco.MjrContext(self._model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
+        try:
+            self._gl = opengl.open_context(name, width, height)
+            self._context = mujoco.MjrContext(self._model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
+        except Exception as error:  # whatever a driver, PyOpenGL or MuJoCo raises
+            reason = (str(error).splitlines() or [type(error).__name__])[0]
+            raise RenderingError(f"no OpenGL for pictures of the humanoid ({name}: {reason})") from error
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._context)
         self._scene = mujoco.MjvScene(self._model, maxgeom=_MAX_GEOMS)
         for flag in (mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_REFLECTION):

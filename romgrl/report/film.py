@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from itertools import chain
-from pathlib import Path
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,26 +11,11 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from romgrl.gait.features import Floats
+from romgrl.report.encoder import FilmError, Image, write_film
 from romgrl.report.style import COLORS, INK, LABELS, new_figure
 
-Image = NDArray[np.uint8]
+__all__ = ["FilmError", "Image", "write_film"]
 LEFT, RIGHT = "L_", "R_"
-
-
-def write_film(path: Path, frames: Iterable[Image], dt: float) -> None:
-    """An H.264 film of frames (height, width, 3), shown at the pace they were simulated: dt s apart."""
-    import imageio_ffmpeg
-
-    remaining = iter(frames)
-    first = next(remaining)
-    size = (first.shape[1], first.shape[0])
-    writer = imageio_ffmpeg.write_frames(str(path), size, fps=1.0 / dt, codec="libx264", quality=7, macro_block_size=2)
-    writer.send(None)
-    try:
-        for frame in chain((first,), remaining):
-            writer.send(np.ascontiguousarray(frame))
-    finally:
-        writer.close()
 
 
 def stride_steps(states: Floats, stride_frequency: float, dt: float, poses: int) -> NDArray[np.int64]:

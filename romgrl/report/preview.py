@@ -15,6 +15,7 @@ from PIL import Image
 from romgrl.artifacts import open_artifact
 from romgrl.display import protect
 from romgrl.errors import ArtifactError, RomgrlError
+from romgrl.report.encoder import FilmError, ffmpeg, named
 from romgrl.report.side_by_side import FILM
 
 LARGEST = 1_500_000  # bytes
@@ -35,11 +36,21 @@ def newest_film(outputs: Path) -> Path:
 
 
 def read_film(path: Path) -> tuple[Frames, float]:
-    """Pictures (T, height, width, 3) of a film, and their number per second."""
-    reader = imageio_ffmpeg.read_frames(str(path))
-    facts = next(reader)
-    width, height = facts["size"]
-    return np.stack([np.frombuffer(each, np.uint8).reshape(height, width, 3) for each in reader]), float(facts["fps"])
+    """Pictures (T, height, width, 3) of a film, and their number per second. Raises FilmError."""
+    program = ffmpeg()
+    try:
+        reader = imageio_ffmpeg.read_frames(str(path))
+        facts = next(reader)
+        width, height = facts["size"]
+        pictures = [np.frombuffer(each, np.uint8).reshape(height, width, 3) for each in reader]
+    except (OSError, RuntimeError) as error:
+        lines = [line.strip() for line in str(error).splitlines() if line.strip() and not line.startswith("===")]
+        raise FilmError(
+            f"{path}: cannot be read with {named(program)}: {lines[-1] if lines else 'no reason'}"
+        ) from error
+    if not pictures:
+        raise FilmError(f"{path}: {named(program)} finds no picture in it")
+    return np.stack(pictures), float(facts["fps"])
 
 
 def loop(frames: Frames, rate: float) -> Frames:

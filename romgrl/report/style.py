@@ -1,9 +1,10 @@
-"""How every figure looks: colours, axes, and saving as PNG and PDF. No pyplot, no global state."""
+"""How every figure looks: colours, axes, and saving as PNG and PDF. No pyplot; Matplotlib's own settings."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
+import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -24,6 +25,8 @@ CHANNEL_LABELS = {
 }
 INK, FAINT = "#303030", "#d9d9d9"
 DPI = 160
+
+matplotlib.rcdefaults()  # a matplotlibrc of the user's changes no figure, nor asks for a LaTeX that is not there
 
 
 def new_figure(width: float, height: float) -> Figure:

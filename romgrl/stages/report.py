@@ -47,13 +47,14 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
     states = {name: rollouts[f"{name}_states"] for name in WALKERS}
     rates = dict(zip(gaits.walker, gaits.stride_frequency_hz, strict=True))
     dt = float(rollouts["dt"])
+    remove_films(output)  # of an attempt that was stopped
     camera = open_camera(model, log)
     try:
         pictures["filmstrip"] = filmstrip(model, camera, states, rates, dt)
         films = []
         if camera is not None and config.evaluation.video:
             teacher = side_by_side.Teacher(read_reference(inputs["reference"], config), rom_parameters(config))
-            films = shoot(camera, states, teacher, dt, output, log)
+            films = films_or_none(camera, states, teacher, dt, output, log)
     finally:
         if camera is not None:
             camera.close()
@@ -112,10 +113,13 @@ def typical_pair(gait: Gait, teacher: Gait, window: int) -> figures.Pair | None:
 def open_camera(model: Any, log: StageLog) -> SideCamera | None:
     """An offscreen camera, or None, with one line, where the machine has no OpenGL."""
     try:
-        return SideCamera(model)
+        camera = SideCamera(model)
     except RenderingError as error:
         log.message(f"no films, and stick figures for poses: {error}")
         return None
+    if camera.remark:
+        log.message(camera.remark)
+    return camera
 
 
 def filmstrip(
@@ -136,6 +140,29 @@ def crop(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
     width = int(0.7 * frame.shape[0])
     left = (frame.shape[1] - width) // 2
     return frame[:, left : left + width]
+
+
+def films_or_none(
+    camera: SideCamera,
+    states: Mapping[str, NDArray[Any]],
+    teacher: side_by_side.Teacher,
+    dt: float,
+    output: Path,
+    log: StageLog,
+) -> list[str]:
+    """All films, or none of them, with one line, where this machine's ffmpeg makes none."""
+    try:
+        return shoot(camera, states, teacher, dt, output, log)
+    except film.FilmError as error:
+        log.message(f"no films: {error}")
+        remove_films(output)
+        return []
+
+
+def remove_films(output: Path) -> None:
+    """Leave no film that the report does not name."""
+    for path in output.glob("*.mp4"):
+        path.unlink()
 
 
 def shoot(

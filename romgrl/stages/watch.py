@@ -17,7 +17,7 @@ from romgrl.config import Config
 from romgrl.humanoid.rendering import RenderingError, SideCamera
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 from romgrl.progress import StageLog
-from romgrl.report.film import write_film
+from romgrl.report.encoder import FilmError, write_film
 from romgrl.stages.inputs import read_walker
 from romgrl.stages.walkers import humanoid_env
 
@@ -82,7 +82,7 @@ def play(env: PlanarHumanoidVectorEnv, directory: Path, seed: int) -> None:
 
 
 def film(env: PlanarHumanoidVectorEnv, directory: Path, path: Path, config: Config, log: StageLog, reason: str) -> None:
-    """Film a walk of `watch.seconds`, or up to its fall; one line where this machine cannot draw either."""
+    """Film a walk of `watch.seconds`, or up to its fall. Raises RenderingError or FilmError: nothing can be watched."""
     states: list[NDArray[np.float64]] = []
     for state, fell in walk(env, directory, config.seed):
         if fell or len(states) >= round(config.watch.seconds / env.control_step):
@@ -91,8 +91,9 @@ def film(env: PlanarHumanoidVectorEnv, directory: Path, path: Path, config: Conf
     ended = "" if len(states) * env.control_step >= config.watch.seconds - env.control_step else ", then it falls"
     try:
         with SideCamera(env.model) as camera:
+            if camera.remark:
+                log.message(camera.remark)
             write_film(path, map(camera.frame, states), env.control_step)
-    except RenderingError as error:
-        log.message(f"{reason}, and no film: {error}")
-        return
+    except (RenderingError, FilmError) as error:
+        raise type(error)(f"{reason}, and no film: {error}") from error
     log.message(f"{reason}; {len(states) * env.control_step:.1f} s are filmed{ended}: {path}")

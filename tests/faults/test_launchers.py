@@ -14,7 +14,7 @@ import pytest
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
-from romgrl import pipeline, sweep
+from romgrl import cores, sweep
 from romgrl.composition import CONF, register_schema
 from romgrl.errors import ConfigurationError
 from romgrl.launch import RUNNING
@@ -88,7 +88,10 @@ def test_missing_extras_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_jobs_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """How many jobs share the cores of a machine; a job of Slurm has its own."""
-    monkeypatch.setattr(pipeline.os, "sched_getaffinity", lambda process: set(range(8)))
+    monkeypatch.setattr(cores, "affinity", lambda: 8)
+    monkeypatch.setattr(cores, "quotas", list)
+    for name in cores.SLURM:
+        monkeypatch.delenv(name, raising=False)
     cases = {
         ("joblib", 5): 2,
         ("joblib", 1): 1,
@@ -103,9 +106,9 @@ def test_jobs_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
         assert launch is not None
         assert launch.at_once == expected, launcher
     assert sweep.plan_launch(sweep_config(), 5) is None
-    assert pipeline.available_cores() == 8
+    assert cores.available_cores() == 8
     monkeypatch.setenv("SLURM_CPUS_PER_TASK", "3")
-    assert pipeline.available_cores() == 3
+    assert cores.available_cores() == 3
 
 
 def test_joblib_trains_what_jobs_share_once(tmp_path: Path) -> None:
@@ -122,7 +125,7 @@ def test_joblib_trains_what_jobs_share_once(tmp_path: Path) -> None:
         line.split() for line in (tmp_path / "artifacts" / "times.txt").read_text(encoding="utf-8").splitlines()
     ][-2:]
     assert len({process for *_, process, _, _ in students}) == 2
-    assert {int(threads) for *_, threads, _ in students} == {max(1, pipeline.available_cores() // 2)}
+    assert {int(threads) for *_, threads, _ in students} == {max(1, cores.available_cores() // 2)}
 
 
 @pytest.mark.parametrize("launcher", ["joblib", pytest.param("submitit_local", marks=pytest.mark.slow)])

@@ -61,9 +61,11 @@ def test_without_display_and_opengl_a_line_says_so(
     monkeypatch.setenv("MUJOCO_GL", "off")
     rendering.backend.cache_clear()
     log = SilentLog()
-    watch.run(brief, {"student": student}, tmp_path, log)
+    with pytest.raises(rendering.RenderingError) as told:  # nothing can be watched: no success
+        watch.run(brief, {"student": student}, tmp_path, log)
     rendering.backend.cache_clear()
-    assert log.messages == ["no display that opens, and no film: rendering is switched off by MUJOCO_GL"]
+    assert str(told.value) == "no display that opens, and no film: rendering is switched off by MUJOCO_GL"
+    assert log.messages == []
     assert not (tmp_path / "student.mp4").exists()
 
 
