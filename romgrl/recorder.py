@@ -93,7 +93,7 @@ class Recorder:
                 self.journal = Journal(outputs, {"uri": kept, "experiment": experiment})
                 settings = {"uri": uri, "outputs": outputs, "journal": self.journal.path}
                 log = journal_directory(outputs) / LOG
-                self.process = TrackingProcess(settings, uri=uri, log=log, away=self._away)
+                self.process = TrackingProcess(settings, uri=uri, log=log, away=self._away, warn=warn)
             except OSError as error:
                 self._tell("journal", f"nothing goes to MLflow: {error}")
 
@@ -249,14 +249,16 @@ class RecordedRun:
             self.request("finish", status=status)
 
 
-def sync(uri: str | None, outputs: Path) -> list[str]:
+def sync(uri: str | None, outputs: Path, experiment: str | None = None) -> list[str]:
     """Bring what earlier jobs could not to `uri`, or to the store of each where it is None; returns a line per run.
+
+    The same for the experiment; a place that a job was not meant for gets all that its journal has.
 
     Raises TrackingError if something is left.
     """
     if not journal_directory(outputs).is_dir():
         return ["nothing is left to bring to MLflow"]
-    settings = {"uri": uri, "outputs": outputs, "journal": None}
+    settings = {"uri": uri, "experiment": experiment, "outputs": outputs, "journal": None}
     process = TrackingProcess(settings, uri=uri, log=journal_directory(outputs) / LOG)
     try:
         process.join()

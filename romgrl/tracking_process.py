@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import ssl
 import subprocess
 import sys
 import threading
@@ -35,6 +36,7 @@ class TrackingProcess:
         uri: str | None,
         log: Path,
         away: Callable[[str], None] = lambda reason: None,
+        warn: Callable[[str], None] = lambda text: None,
     ) -> None:
         self._fetched: dict[str, str] = {}
         self.run_ids: dict[str, str] = {}  # MLflow's, by local id
@@ -43,7 +45,7 @@ class TrackingProcess:
         self.failure: str | None = None
         self.reason: str | None = None  # why the store is away
         self.alive = True
-        self._away = away
+        self._away, self._warn = away, warn
         self._log = log
         self._changed = threading.Condition()
         self._connection, remote = Pipe()
@@ -148,8 +150,10 @@ class TrackingProcess:
             self._fail(*values)
         elif kind == "text":
             self.texts += values
+        elif kind == "warning":
+            self._warn(*values)
         elif kind == "failure":
-            (self.failure,) = values
+            self.failure = "\n".join([self.failure, *values] if self.failure else values)
         elif kind == "experiment":
             (self.experiment_id,) = values
         elif kind in ("answered", "run"):
@@ -170,7 +174,7 @@ class TrackingProcess:
         except urllib.error.HTTPError:
             pass  # an answer, too
         except (OSError, HTTPException, ValueError) as error:
-            if not self._said_anything:
+            if not self._said_anything and not isinstance(getattr(error, "reason", error), ssl.SSLError):
                 self._fail(str(error))
-            return
+                return
         self._in_reach = True
