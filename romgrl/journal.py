@@ -48,10 +48,10 @@ def journals(outputs: Path) -> list[Path]:
     return sorted(journal_directory(outputs).glob("*.jsonl"))
 
 
-def starts_run(directory: Path, uid: str) -> bool:
-    """Tell whether a journal has the start of a run, sent or not."""
+def starts_run(directory: Path, uid: str, among: str = "*.jsonl") -> bool:
+    """Tell whether a journal has the start of a run, sent or not; `among="*.left"`: whether it was set aside."""
     marks = (f'"run": "{uid}"'.encode(), b'"do": "start"')
-    for path in directory.glob("*.jsonl"):
+    for path in directory.glob(among):
         with suppress(FileNotFoundError), path.open("rb") as lines:
             if any(all(mark in line for mark in marks) for line in lines):
                 return True

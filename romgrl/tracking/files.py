@@ -44,6 +44,8 @@ def send_file(store: Store, run_id: str, file: Path, folder: str | None) -> None
     except RefusedError:
         raise
     except Exception as error:  # each kind of place has exceptions of its own, of libraries that may be missing
+        if not file.exists():
+            raise RefusedError(f"{file} is gone") from error
         if isinstance(error, FAILURES) and not of_files(error):
             raise
         why = explain_files(store, run_id, error)

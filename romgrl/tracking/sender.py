@@ -83,7 +83,7 @@ class Sender:
         if not self._ended:
             self._unmade.clear()
             self._failed.clear()
-            self.outbox.keep_left([entry for entry in self.outbox.left() if not self._send(entry)])
+            self.outbox.keep_left([entry for entry in self.outbox.left() if not self._send(entry, judged=True)])
             self._ended = True
         if not self.outbox.left():
             self.outbox.delete()
@@ -115,7 +115,8 @@ class Sender:
     def _parent(self, parent: str | None) -> str | None:
         if parent is None or not parent.startswith(LOCAL):
             return parent
-        awaited = starts_run(self.outbox.path.parent, parent.removeprefix(LOCAL))
+        uid, directory = parent.removeprefix(LOCAL), self.outbox.path.parent
+        awaited = starts_run(directory, uid) and not starts_run(directory, uid, among="*.left")
         run_id = self._resolve(parent)
         if run_id is None and awaited:
             raise ParentError("the run above is not in the store yet")
@@ -135,15 +136,18 @@ class Sender:
         """A text with MLflow's ids in the place of local ones."""
         return LOCAL_ID.sub(lambda found: self._resolve(found[0]) or found[0], text)
 
-    def _is_aside(self, entry: Entry, error: BaseException) -> bool:
-        """Tell whether a request that failed is to hold nothing back: the store answers, but never this one."""
+    def _is_aside(self, entry: Entry, error: BaseException, *, judged: bool = False) -> bool:
+        """Tell whether a request that failed is to hold nothing back: the store answers, but never this one.
+
+        `judged`: it was so before, or others that it was sent with.
+        """
         if isinstance(error, RefusedError | FilesError):
             return True
         tries, what = tries_of(entry["do"], error), (entry["run"], entry["do"], entry["at"])
         self._failed[what] += 1
-        return tries is not None and self._failed[what] >= tries and self._store.answers()
+        return tries is not None and (judged or self._failed[what] >= tries) and self._store.answers()
 
-    def _send(self, entry: Entry) -> bool:
+    def _send(self, entry: Entry, *, judged: bool = False) -> bool:
         """Send a request; False if it was set aside."""
         do, uid = entry["do"], entry["run"]
         if do == "start":
@@ -156,11 +160,11 @@ class Sender:
             self.refused.append(f"{do}: its run has no start")
             return True
         try:
-            counts[COUNTED.get(do, do)] += self._deliver(entry, run_id)
+            counts[COUNTED.get(str(do), str(do))] += self._deliver(entry, run_id)
         except RefusedError as error:
             self._refuse(entry, str(error))
         except (*FAILURES, FilesError) as error:
-            if not self._is_aside(entry, error):
+            if not self._is_aside(entry, error, judged=judged):
                 raise
             if do == "artifacts":
                 return self._set_files_aside(entry, run_id, error)
@@ -187,24 +191,24 @@ class Sender:
         self._store.finish(self.outbox.experiment, run_id, entry)
         return 0
 
-    def _send_metrics(self, entries: list[Entry]) -> None:
-        """Send the numbers of a run at once; one by one where the store does not take them together."""
+    def _send_metrics(self, entries: list[Entry], *, judged: bool = False) -> None:
+        """Send the numbers of a run at once; those of fewer and fewer calls where the store does not take them."""
         run_id = self._run_id(entries[0]["run"]) if entries else None
         if run_id is None or len(entries) < 2:
             for entry in entries:
-                self._send(entry)
+                self._send(entry, judged=judged)
             return
         try:
             self._store.metrics(run_id, entries)
         except (*FAILURES, RefusedError) as error:
-            if not self._is_aside(entries[0], error):
+            if not self._is_aside(entries[0], error, judged=judged):
                 raise
             if DELETED.search(str(error)):
                 for entry in entries:
                     self._refuse(entry, str(error))
             else:
-                self._send_metrics(entries[: len(entries) // 2])
-                self._send_metrics(entries[len(entries) // 2 :])
+                self._send_metrics(entries[: len(entries) // 2], judged=True)
+                self._send_metrics(entries[len(entries) // 2 :], judged=True)
             return
         self.counts.setdefault(entries[0]["run"], Counter())["metrics"] += sum(len(e["values"]) for e in entries)
 

@@ -49,6 +49,10 @@ class Sync:
         for uri, reason in self._away.items():
             self._say("failure", redacted(f"MLflow at {uri}: {reason}; what is left stays in {where}"))
 
+    def tell(self, topic: str, text: str) -> None:
+        """Remember the first thing of a topic that a store answered."""
+        self._told.setdefault(topic, text)
+
     def send(self, outbox: Outbox) -> None:
         """Send one journal, unless its store was away before; all of it where it was meant for another place."""
         meant = outbox.uri or default_uri(self.outputs)
@@ -60,7 +64,7 @@ class Sync:
         if redacted(uri) != meant or self.experiment not in (None, outbox.experiment):
             outbox.rewind()
         outbox.experiment = self.experiment or outbox.experiment
-        store = self._stores.setdefault(uri, Store(uri, self.outputs, tell=self._told.setdefault))
+        store = self._stores.setdefault(uri, Store(uri, self.outputs, tell=self.tell))
         sender = Sender(outbox, store, self._known.setdefault(uri, {}))
         try:
             send_all(sender, store)
