@@ -119,8 +119,8 @@ def why_no_files(error: BaseException, root: str, *, served: bool) -> str:
     status, line, scheme = status_of(error), first_line(error), urlsplit(root).scheme
     if of_files(error) and served and scheme in ("file", ""):
         return (
-            f"they would go to {root}, which this machine cannot write ({line}); the server needs --serve-artifacts, "
-            f"and an experiment that was made since (tracking.experiment=...)"
+            f"they would go to {root}, which this machine cannot write ({line}); the server needs --serve-artifacts; "
+            f"an experiment keeps its place, so then: stage=sync tracking.experiment=NEW"
         )
     if isinstance(error, ImportError):
         return f"they would go to {root}, for which a library is missing here ({line})"

@@ -150,6 +150,23 @@ def test_the_database_has_the_tables_of_mlflow_alone(server: Server, tmp_path: P
     assert {"runs", "metrics", "alembic_version"} <= tables
 
 
+@pytest.mark.slow
+def test_long_names_arrive(server: Server, tmp_path: Path) -> None:
+    """PostgreSQL refuses what is longer than its column; SQLite takes any length."""
+    recorder = open_recorder(server.uri, "e" * 600, tmp_path, enabled=True)
+    run = recorder.start("n" * 600, tags={"t" * 300: "v" * 9000}, params={"p" * 300: "w" * 9000})
+    run.metrics({"m" * 300: 1.0}, 1)
+    run.finish()
+    recorder.close()
+    client = MlflowClient(tracking_uri=server.uri)
+    experiment = client.get_experiment_by_name("e" * 247 + "...")
+    (stored,) = client.search_runs([experiment.experiment_id])
+    assert (stored.info.run_name, stored.info.status) == ("n" * 247 + "...", "FINISHED")
+    assert stored.data.params == {"p" * 247 + "...": "w" * 5997 + "..."}
+    assert list(stored.data.metrics) == ["m" * 247 + "..."]
+    assert not [*tmp_path.glob("journal/*.jsonl")]
+
+
 def tables_of(database: str) -> set[str]:
     engine = create_engine(database)
     try:
