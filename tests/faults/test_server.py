@@ -22,7 +22,7 @@ from sqlalchemy import create_engine, inspect
 
 from romgrl.artifacts import open_artifact
 from romgrl.keys import STAGES
-from romgrl.recorder import open_recorder
+from romgrl.recorder import open_recorder, sync
 from tests.faults.ports import free_port
 from tests.faults.servers import mlflow_server, postgresql
 from tests.pipeline.conftest import ROOT, trainings
@@ -158,6 +158,9 @@ def test_long_names_arrive(server: Server, tmp_path: Path) -> None:
     run.metrics({"m" * 300: 1.0}, 1)
     run.finish()
     recorder.close()
+    assert recorder.process is not None
+    recorder.process.join()  # on a busy machine the job does not wait to the end
+    sync(None, tmp_path)
     client = MlflowClient(tracking_uri=server.uri)
     experiment = client.get_experiment_by_name("e" * 247 + "...")
     (stored,) = client.search_runs([experiment.experiment_id])
