@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import fields
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -125,12 +126,19 @@ def added_keys(composed: DictConfig, prefix: str = "") -> Iterator[str]:
     keys = schema_keys()
     for name in composed:
         key = prefix + str(name)
-        if any(known.startswith(f"{key}.") for known in keys):
+        if key in branches():
             node = composed._get_node(name)
             if isinstance(node, DictConfig) and not node._is_none() and not node._is_interpolation():
                 yield from added_keys(node, f"{key}.")
         elif key not in keys and key != "hydra":
             yield key
+
+
+@cache
+def branches() -> frozenset[str]:
+    """The keys that have others below them."""
+    parts = (key.split(".") for key in schema_keys())
+    return frozenset(".".join(names[:depth]) for names in parts for depth in range(1, len(names)))
 
 
 def broken_groups(composed: DictConfig) -> dict[str, str]:

@@ -13,6 +13,7 @@ import re
 import threading
 import time
 import uuid
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -47,10 +48,10 @@ def journals(outputs: Path) -> list[Path]:
     return sorted(journal_directory(outputs).glob("*.jsonl"))
 
 
-def starts_run(directory: Path, uid: str) -> bool:
-    """Tell whether a journal has the start of a run, sent or not."""
+def starts_run(directory: Path, uid: str, among: str = "*.jsonl") -> bool:
+    """Tell whether a journal has the start of a run, sent or not; `among="*.left"`: whether it was set aside."""
     marks = (f'"run": "{uid}"'.encode(), b'"do": "start"')
-    for path in directory.glob("*.jsonl"):
+    for path in directory.glob(among):
         with suppress(FileNotFoundError), path.open("rb") as lines:
             if any(all(mark in line for mark in marks) for line in lines):
                 return True
@@ -122,6 +123,7 @@ class Outbox:
     def __init__(self, path: Path) -> None:
         self.path = path
         self._state_path = path.with_suffix(".sent")
+        self.left_path, self.refused_path = path.with_suffix(".left"), path.with_suffix(".refused")
         self._state = os.open(self._state_path, os.O_RDWR | os.O_CREAT, 0o644)
         try:
             fcntl.flock(self._state, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -141,6 +143,7 @@ class Outbox:
         self.experiment: str = header["experiment"]
         self._first = self._lines.tell()
         self.unreadable = 0
+        self._beside: dict[Path, set[str]] = {}  # lines of the files beside it
 
     @property
     def offset(self) -> int:
@@ -188,15 +191,58 @@ class Outbox:
         fcntl.flock(self._lines, fcntl.LOCK_UN)
         return True
 
+    def left(self) -> list[Entry]:
+        """Requests that were set aside, to be sent once somebody has mended what keeps the store from taking them."""
+        return kept(self.left_path)
+
+    def keep_left(self, entries: Sequence[Entry]) -> None:
+        """Keep these requests and no others for later."""
+        self._beside.pop(self.left_path, None)
+        if not entries:
+            self.left_path.unlink(missing_ok=True)
+            return
+        written = self.left_path.with_suffix(".left-new")
+        written.write_text("".join(json.dumps(entry) + "\n" for entry in entries))
+        os.replace(written, self.left_path)
+
+    def set_aside(self, entry: Entry) -> None:
+        """Keep a request for later."""
+        self._append_once(self.left_path, entry)
+
+    def refuse(self, entry: Entry) -> None:
+        """Keep a request that is not sent any more, beside the journal and after it."""
+        self._append_once(self.refused_path, entry)
+
+    def rewind(self) -> None:
+        """Another store, which has nothing of this journal, gets all of it."""
+        self.mark(0)
+        self.keep_left([])
+
+    def _append_once(self, path: Path, entry: Entry) -> None:
+        line = json.dumps(entry)
+        if path not in self._beside:
+            self._beside[path] = set(path.read_text(encoding="utf-8").splitlines()) if path.exists() else set()
+        if line not in self._beside[path]:
+            self._beside[path].add(line)
+            with path.open("a", encoding="utf-8") as lines:
+                lines.write(line + "\n")
+
     def delete(self) -> None:
         """The store has everything."""
         self.path.unlink(missing_ok=True)
+        self.left_path.unlink(missing_ok=True)
         self._state_path.unlink(missing_ok=True)
 
     def close(self) -> None:
         """Let another process send."""
         self._lines.close()
         os.close(self._state)
+
+
+def kept(path: Path) -> list[Entry]:
+    """The requests in a file beside a journal."""
+    lines = path.read_bytes().splitlines() if path.exists() else []
+    return [entry for line in lines if (entry := parsed(line, {"run", "do", "at"})) is not None]
 
 
 def parsed(line: bytes, names: set[str]) -> Entry | None:

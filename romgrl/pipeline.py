@@ -50,7 +50,7 @@ def run(
     require_shipped(config)
     config = resolve(config)
     if config.stage == "sync":
-        return bring_the_rest(config, console or make_console())
+        return bring_the_rest(config, name, console or make_console())
     if config.stage == "verify":
         return show_verdicts(config, overrides, console or make_console())
     if config.stage == "watch":
@@ -106,9 +106,10 @@ def describe(job: Job, title: str) -> None:
     job.run.describe(job_note(title, job.manifests, job.reused, numbers))
 
 
-def bring_the_rest(config: Config, console: Console) -> dict[str, Path]:
-    """Send MLflow what earlier jobs could not, and print what that was."""
-    for line in sync(config.tracking.uri, Path(config.paths.outputs)):
+def bring_the_rest(config: Config, name: str, console: Console) -> dict[str, Path]:
+    """Send MLflow what earlier jobs could not, and print what that was; to another experiment if `name` gives one."""
+    experiment = config.tracking.experiment if "tracking.experiment=" in name else None
+    for line in sync(config.tracking.uri, Path(config.paths.outputs), experiment):
         console.print(line, markup=False, highlight=False, soft_wrap=True)
     return {}
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import platform
 import subprocess
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
@@ -20,13 +21,17 @@ _hung: list[subprocess.TimeoutExpired] = []
 
 def versions() -> dict[str, str]:
     """Versions of Python, of this package and of the libraries that results depend on."""
-    found = {"python": platform.python_version(), "romgrl": romgrl.__version__}
-    for library in LIBRARIES:
-        try:
-            found[library] = version(library)
-        except PackageNotFoundError:
-            found[library] = "not installed"
-    return found
+    libraries = {library: installed(library) for library in LIBRARIES}
+    return {"python": platform.python_version(), "romgrl": romgrl.__version__, **libraries}
+
+
+@cache
+def installed(library: str) -> str:
+    """The version of a library; it is looked up in the files of the installation, once in a process."""
+    try:
+        return version(library)
+    except PackageNotFoundError:
+        return "not installed"
 
 
 def computing_versions() -> dict[str, str]:

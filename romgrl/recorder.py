@@ -98,7 +98,7 @@ class Recorder:
             try:
                 self.journal = Journal(outputs, {"uri": kept, "experiment": experiment})
                 settings = {"uri": uri, "outputs": outputs, "journal": self.journal.path}
-                self.process = TrackingProcess(settings, uri=uri, log=log, away=self._away)
+                self.process = TrackingProcess(settings, uri=uri, log=log, away=self._away, warn=warn)
             except OSError as error:
                 place = log if error.filename == str(log) else journal_directory(outputs)
                 self._tell("journal", f"nothing goes to MLflow: {place}: {error.strerror or error}")
@@ -256,8 +256,10 @@ class RecordedRun:
             self.request("finish", status=status)
 
 
-def sync(uri: str | None, outputs: Path) -> list[str]:
+def sync(uri: str | None, outputs: Path, experiment: str | None = None) -> list[str]:
     """Bring what earlier jobs could not to `uri`, or to the store of each where it is None; returns a line per run.
+
+    The same for the experiment; a place that a job was not meant for gets all that its journal has.
 
     Raises TrackingError if something is left, ConfigurationError where this user may not send it.
     """
@@ -265,7 +267,7 @@ def sync(uri: str | None, outputs: Path) -> list[str]:
         return ["nothing is left to bring to MLflow"]
     for place in (journal_directory(outputs), journal_directory(outputs) / LOG):
         require_right(place, "what is left to bring to MLflow is sent from there")
-    settings = {"uri": uri, "outputs": outputs, "journal": None}
+    settings = {"uri": uri, "experiment": experiment, "outputs": outputs, "journal": None}
     process = TrackingProcess(settings, uri=uri, log=journal_directory(outputs) / LOG)
     try:
         process.join()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import ssl
 import subprocess
 import sys
 import threading
@@ -16,6 +17,8 @@ from http.client import HTTPException
 from multiprocessing import Pipe
 from pathlib import Path
 from typing import Any
+
+from romgrl.addresses import sqlite_path
 
 BLOCKED_SECONDS = 4.5  # that one job waits in all for a store that does not answer; with all else, 5 at most
 ANSWER_SECONDS = 1.0  # a store that answers within this time works, and waiting for it does not count
@@ -35,6 +38,7 @@ class TrackingProcess:
         uri: str | None,
         log: Path,
         away: Callable[[str], None] = lambda reason: None,
+        warn: Callable[[str], None] = lambda text: None,
     ) -> None:
         self._fetched: dict[str, str] = {}
         self.run_ids: dict[str, str] = {}  # MLflow's, by local id
@@ -43,7 +47,7 @@ class TrackingProcess:
         self.failure: str | None = None
         self.reason: str | None = None  # why the store is away
         self.alive = True
-        self._away = away
+        self._away, self._warn = away, warn
         self._log = log
         self._changed = threading.Condition()
         self._connection, remote = Pipe()
@@ -62,7 +66,7 @@ class TrackingProcess:
         self._connection.send(dict(settings))
         self._started = self._heard = time.monotonic()
         self._said_anything = False
-        self._in_reach = uri is None or uri.startswith("sqlite:")
+        self._in_reach = uri is None or sqlite_path(uri) is not None
         self.renew()
         threading.Thread(target=self._listen, name="mlflow", daemon=True).start()
         if uri is not None and uri.startswith("http"):
@@ -148,8 +152,10 @@ class TrackingProcess:
             self._fail(*values)
         elif kind == "text":
             self.texts += values
+        elif kind == "warning":
+            self._warn(*values)
         elif kind == "failure":
-            (self.failure,) = values
+            self.failure = "\n".join([self.failure, *values] if self.failure else values)
         elif kind == "experiment":
             (self.experiment_id,) = values
         elif kind in ("answered", "run"):
@@ -170,7 +176,7 @@ class TrackingProcess:
         except urllib.error.HTTPError:
             pass  # an answer, too
         except (OSError, HTTPException, ValueError) as error:
-            if not self._said_anything:
+            if not self._said_anything and not isinstance(getattr(error, "reason", error), ssl.SSLError):
                 self._fail(str(error))
-            return
+                return
         self._in_reach = True

@@ -79,7 +79,7 @@ ALLOWED = {
     "recorder": {"addresses", "artifacts", "errors", "journal", "surroundings", "tracking_process"},
     "tracking": {"addresses", "artifacts", "display", "errors", "journal", "recorder", "summary"},
     "remote": {"artifacts", "errors", "recorder"},
-    "tracking_process": set(),
+    "tracking_process": {"addresses"},
     "pipeline": {
         "config",
         "cores",

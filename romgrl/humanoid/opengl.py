@@ -6,6 +6,7 @@ import importlib
 import os
 import sys
 from collections.abc import MutableMapping
+from contextlib import suppress
 from typing import Any
 
 VARIABLE, PLATFORM, DEVICE = "MUJOCO_GL", "PYOPENGL_PLATFORM", "MUJOCO_EGL_DEVICE_ID"
@@ -64,9 +65,16 @@ def free(environment: MutableMapping[str, str], name: str) -> None:
         environment.pop(DEVICE, None)
 
 
+def import_triton() -> None:
+    """Import Triton, if torch came with it, before Mesa: its LLVM crashes the process where Mesa's was loaded first."""
+    with suppress(ImportError):
+        importlib.import_module("triton")
+
+
 def open_context(name: str, width: int, height: int) -> Any:
     """An offscreen OpenGL context of a backend, made current."""
     free(os.environ, name)
+    import_triton()
     context = importlib.import_module(f"mujoco.{name}").GLContext(width, height)
     context.make_current()
     return context

@@ -9,6 +9,7 @@ import json
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -94,11 +95,18 @@ def position(overrides: Sequence[str]) -> tuple[int, int] | None:
     """Which job of its sweep these overrides make, from 1, and how many there are; None outside a sweep."""
     directory = os.environ.get(SWEEP_VARIABLE)
     try:
-        jobs = [settings(job) for job in read_sweep(Path(directory)).jobs] if directory else []
-    except ArtifactError:
+        places, jobs = places_of(directory, Path(directory, SWEEP).stat().st_mtime_ns) if directory else ({}, 0)
+    except (OSError, ArtifactError):
         return None
-    wanted = settings(overrides)
-    return (jobs.index(wanted) + 1, len(jobs)) if wanted in jobs else None
+    place = places.get(frozenset(settings(overrides).items()))
+    return None if place is None else (place, jobs)
+
+
+@lru_cache(maxsize=1)
+def places_of(directory: str, written: int) -> tuple[dict[frozenset[tuple[str, str]], int], int]:
+    """The place of each job of a sweep by its settings, from 1, and how many there are; read once in a process."""
+    jobs = [frozenset(settings(job).items()) for job in read_sweep(Path(directory)).jobs]
+    return {job: place for place, job in reversed([*enumerate(jobs, 1)])}, len(jobs)
 
 
 def read_sweep(directory: Path) -> Sweep:

@@ -18,16 +18,19 @@ from typing import Any
 
 from romgrl.display import protect
 from romgrl.errors import RomgrlError
-from romgrl.journal import HIDDEN, BusyError, JournalError, Outbox, journal_directory, journals, redacted
-from romgrl.recorder import LOCAL, SYSTEM_METRICS, default_uri
+from romgrl.journal import BusyError, JournalError, Outbox, journals, redacted
+from romgrl.recorder import SYSTEM_METRICS, default_uri
+from romgrl.tracking.failures import FAILURES, ExperimentError, RefusedError, explained
 from romgrl.tracking.fetching import download, find
 from romgrl.tracking.sender import ParentError, Sender
-from romgrl.tracking.store import FAILURES, RefusedError, Store, first_line
+from romgrl.tracking.store import Store
+from romgrl.tracking.syncing import Sync
 
 POLL_SECONDS = 1.0  # between two looks into the journal
 RETRY_SECONDS = (0.5, 8.0)  # between two tries of a store that is away: at first, and at most
 BEAT_SECONDS = 0.25
 MOMENT = 0.01
+OF_ONE_JOURNAL = (BusyError, JournalError, ParentError, RefusedError, ExperimentError)  # the next one may be sent
 DETACHED_SECONDS = 600.0  # that the process goes on after its job, while the store answers
 
 
@@ -69,12 +72,20 @@ class Live:
 
     def __init__(self, link: Link, outbox: Outbox, *, uri: str, outputs: Path) -> None:
         self.link, self.outputs = link, outputs
-        self.store = link.store = Store(uri, outputs, answered=lambda: link.say("answered"))
+        self._topics: set[str] = set()
+        self.store = link.store = Store(uri, outputs, answered=lambda: link.say("answered"), tell=self.tell)
         self.known: dict[str, str] = {}
         self._own = Sender(outbox, self.store, self.known)
         self._told: set[str] = set()
         self._retry = RETRY_SECONDS[0]
         self._looked_at: set[Path] = {outbox.path}
+
+    def tell(self, topic: str, text: str) -> None:
+        """Let the pipeline say something, once for each topic; it may be gone, the log is not."""
+        if topic not in self._topics:
+            self._topics.add(topic)
+            print(redacted(text), flush=True)
+            self.link.say("warning", redacted(text))
 
     def serve(self) -> None:
         """Send what there is until the job has ended and the store has all, or does not answer any more."""
@@ -93,7 +104,7 @@ class Live:
             try:
                 run_id = find(self.store, self._own.outbox.experiment, stage, key)
             except (*FAILURES, RefusedError) as error:
-                self.link.say("away", redacted(first_line(error)))
+                self.link.say("away", redacted(explained(error, self.store.uri)))
                 run_id = None
             self.link.say("fetched", ticket, "found" if run_id else "none")
             if run_id:
@@ -104,7 +115,7 @@ class Live:
         try:
             download(self.store, run_id, directory)
         except (*FAILURES, RefusedError, RomgrlError) as error:
-            return redacted(first_line(error))
+            return redacted(explained(error, self.store.uri))
         return "whole"
 
     def attempt(self, *, ended: bool) -> float | None:
@@ -117,7 +128,7 @@ class Live:
             self.link.at_work = False
             return POLL_SECONDS
         except (*FAILURES, RefusedError) as error:
-            self.link.say("away", redacted(first_line(error)))
+            self.link.say("away", redacted(explained(error, self.store.uri)))
             seconds, self._retry = self._retry, min(2 * self._retry, RETRY_SECONDS[1])
             return None if ended else seconds
 
@@ -139,7 +150,7 @@ class Live:
         for path in journals(self.outputs):
             if path not in self._looked_at:
                 self._looked_at.add(path)
-                with suppress(BusyError, JournalError, ParentError, RefusedError), closing(Outbox(path)) as outbox:
+                with suppress(*OF_ONE_JOURNAL), closing(Outbox(path)) as outbox:
                     if (outbox.uri or default_uri(self.outputs)) == redacted(self.store.uri):
                         if self.send(Sender(outbox, self.store, self.known)):
                             self._looked_at.remove(path)
@@ -165,72 +176,13 @@ def own_outbox(path: Path) -> Outbox | None:
     return None
 
 
-class Sync:
-    """All journals of an output directory, to `uri` or to the store of each."""
-
-    def __init__(self, link: Link, *, uri: str | None, outputs: Path) -> None:
-        self.link, self.uri, self.outputs = link, uri, outputs
-        self._stores: dict[str, Store] = {}
-        self._known: dict[str, dict[str, str]] = {}
-        self._away: dict[str, str] = {}
-
-    def run(self) -> None:
-        """Send what no other process is sending, and say what was brought and what is left."""
-        for path in journals(self.outputs):
-            try:
-                with closing(Outbox(path)) as outbox:
-                    self.send(outbox, self.uri or outbox.uri or default_uri(self.outputs))
-            except BusyError as error:
-                self.link.say("text", f"{path.name} {error}")
-            except JournalError as error:
-                self.link.say("failure", str(error))
-        for uri, store in self._stores.items():
-            if uri not in self._away:
-                store.close()
-        for uri, reason in self._away.items():
-            where = journal_directory(self.outputs)
-            self.link.say("failure", redacted(f"MLflow at {uri}: {reason}; what is left stays in {where}"))
-
-    def send(self, outbox: Outbox, uri: str) -> None:
-        """Send one journal, unless its store was away before."""
-        if HIDDEN in uri:
-            self._away[uri] = "the journal does not have its password; give tracking.uri"
-        if uri in self._away:
-            return
-        store = self._stores.setdefault(uri, Store(uri, self.outputs))
-        sender = Sender(outbox, store, self._known.setdefault(uri, {}))
-        try:
-            while sender.step():
-                pass
-            sender.end()
-        except ParentError as error:
-            self.link.say("failure", f"{outbox.path.name}: {error}")
-        except (*FAILURES, RefusedError) as error:
-            self._away[uri] = first_line(error)
-        finally:
-            report(self.link, sender)
-
-
-def report(link: Link, sender: Sender) -> None:
-    """Say what was brought of each run."""
-    for uid, counts in sender.counts.items():
-        if uid in sender.known:
-            brought = ", ".join(f"{number} {name}" for name, number in counts.items() if number) or "no news"
-            status = sender.statuses.get(uid, "still running")
-            link.say("text", f"{LOCAL}{uid} is {sender.known[uid]}: {brought}, {status}")
-    for line in sender.refused:
-        link.say("text", f"refused by MLflow: {line}")
-    if sender.outbox.unreadable:
-        link.say("text", f"{sender.outbox.path}: {sender.outbox.unreadable} lines cannot be read")
-
-
 def serve(connection: Connection) -> None:
     """Do what the settings that come over the pipe ask for."""
     link = Link(connection)
     settings: Mapping[str, Any] = connection.recv()
     uri, outputs, journal = (settings[name] for name in ("uri", "outputs", "journal"))
     if journal is None:
-        Sync(link, uri=uri, outputs=outputs).run()
+        Sync(link.say, uri=uri, experiment=settings["experiment"], outputs=outputs).run()
     elif (outbox := own_outbox(journal)) is not None:
         Live(link, outbox, uri=uri, outputs=outputs).serve()
 

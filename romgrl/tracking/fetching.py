@@ -5,15 +5,18 @@ from __future__ import annotations
 from pathlib import Path
 
 from romgrl.artifacts import MANIFEST, read_manifest
+from romgrl.tracking.files import FILES_TAG
 from romgrl.tracking.store import Store
+
+LOOKED_AT = 20  # runs of one stage key
 
 
 def find(store: Store, experiment: str, stage: str, key: str) -> str | None:
-    """The last finished run of a stage key. Raises FAILURES or RefusedError."""
+    """The last finished run of a stage key that has its files. Raises FAILURES or RefusedError."""
     wanted = f"tags.stage = '{stage}' and tags.key = '{key}' and attributes.status = 'FINISHED'"
-    newest = ["attributes.end_time DESC"]
-    runs = store.request("search_runs", [store.experiment_id(experiment)], wanted, max_results=1, order_by=newest)
-    return str(runs[0].info.run_id) if runs else None
+    newest = {"max_results": LOOKED_AT, "order_by": ["attributes.end_time DESC"]}
+    runs = store.request("search_runs", [store.experiment_id(experiment)], wanted, **newest)
+    return next((str(run.info.run_id) for run in runs if FILES_TAG not in run.data.tags), None)
 
 
 def download(store: Store, run_id: str, directory: Path) -> None:

@@ -22,7 +22,7 @@ from sqlalchemy import create_engine, inspect
 
 from romgrl.artifacts import open_artifact
 from romgrl.keys import STAGES
-from romgrl.recorder import open_recorder
+from romgrl.recorder import open_recorder, sync
 from romgrl.tracking_process import BLOCKED_SECONDS
 from tests.faults.ports import free_port
 from tests.faults.servers import mlflow_server, postgresql
@@ -154,6 +154,26 @@ def test_the_database_has_the_tables_of_mlflow_alone(server: Server, tmp_path: P
     print(f"{len(tables)} tables, all of them MLflow's")
     assert tables == fresh
     assert {"runs", "metrics", "alembic_version"} <= tables
+
+
+@pytest.mark.slow
+def test_long_names_arrive(server: Server, tmp_path: Path) -> None:
+    """PostgreSQL refuses what is longer than its column; SQLite takes any length."""
+    recorder = open_recorder(server.uri, "e" * 600, tmp_path, enabled=True)
+    run = recorder.start("n" * 600, tags={"t" * 300: "v" * 9000}, params={"p" * 300: "w" * 9000})
+    run.metrics({"m" * 300: 1.0}, 1)
+    run.finish()
+    recorder.close()
+    assert recorder.process is not None
+    recorder.process.join()  # on a busy machine the job does not wait to the end
+    sync(None, tmp_path)
+    client = MlflowClient(tracking_uri=server.uri)
+    experiment = client.get_experiment_by_name("e" * 247 + "...")
+    (stored,) = client.search_runs([experiment.experiment_id])
+    assert (stored.info.run_name, stored.info.status) == ("n" * 247 + "...", "FINISHED")
+    assert stored.data.params == {"p" * 247 + "...": "w" * 5997 + "..."}
+    assert list(stored.data.metrics) == ["m" * 247 + "..."]
+    assert not [*tmp_path.glob("journal/*.jsonl")]
 
 
 def tables_of(database: str) -> set[str]:

@@ -105,3 +105,18 @@ def test_a_driver_that_fails_after_all_is_one_line(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(opengl, "open_context", fail)
     with pytest.raises(rendering.RenderingError, match=r"\(egl: Cannot initialize a display\.\)$"):
         rendering.SideCamera(build())
+
+
+def test_triton_is_imported_before_a_driver(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Triton's LLVM crashes the process where the one of Mesa was loaded first."""
+    order: list[str] = []
+
+    def note(name: str) -> object:
+        order.append(name)
+        if name == "triton":
+            raise ImportError(name)
+        return SimpleNamespace(GLContext=lambda width, height: SimpleNamespace(make_current=lambda: None))
+
+    monkeypatch.setattr(opengl.importlib, "import_module", note)
+    opengl.open_context("osmesa", 8, 8)
+    assert order == ["triton", "mujoco.osmesa"]

@@ -22,7 +22,8 @@ from romgrl.artifacts import open_artifact, read_manifest
 from romgrl.config import STAGES, Config
 from romgrl.recorder import NOTE, default_uri, open_recorder, sync
 from romgrl.summary import TRAINING_MINUTES
-from romgrl.tracking.store import PARENT_TAG, RefusedError, Store
+from romgrl.tracking.failures import RefusedError
+from romgrl.tracking.store import PARENT_TAG, Store
 from tests.limits import PATIENCE, wait_until
 from tests.pipeline.conftest import ROOT, Command, start
 

@@ -1,0 +1,375 @@
+"""A store that answers, but does not take everything: files that have no place, requests that are refused, and what
+somebody deleted. Nothing else waits for it, one line says what it is, and it arrives once the store is mended."""
+
+from __future__ import annotations
+
+import errno
+import shutil
+from collections.abc import Callable
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import pytest
+import requests
+from mlflow.exceptions import MlflowException, RestException
+
+from romgrl.journal import Outbox, journal_directory, journals
+from romgrl.recorder import default_uri
+from romgrl.tracking.failures import ExperimentError, explained
+from romgrl.tracking.fetching import find
+from romgrl.tracking.files import FILES_TAG
+from romgrl.tracking.sender import Sender
+from romgrl.tracking.store import Store
+from romgrl.tracking.syncing import Sync, send_all
+from tests.faults.runs import FILES, differences, stored
+from tests.faults.test_journal import journaled, tell
+
+Fault = Callable[[], Exception]
+
+
+class Picky(Store):
+    """A store that fails at the requests that `refuses` picks, whenever they are sent."""
+
+    def __init__(self, outputs: Path, error: Exception, refuses: Callable[..., bool]) -> None:
+        self.told: list[str] = []
+        super().__init__(default_uri(outputs), outputs, tell=lambda topic, text: self.told.append(text))
+        self.error, self.refuses = error, refuses
+
+    def request(self, method: str, *arguments: Any, **named: Any) -> Any:
+        if self.refuses(method, *arguments, **named):
+            raise self.error
+        return super().request(method, *arguments, **named)
+
+
+@pytest.fixture(scope="module")
+def database(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An empty store, whose tables take seconds to make."""
+    directory = tmp_path_factory.mktemp("store")
+    store = Store(default_uri(directory), directory)
+    store.request("search_experiments")
+    store.close()
+    return directory / "mlflow.db"
+
+
+@pytest.fixture
+def outputs(tmp_path: Path, database: Path) -> Path:
+    """An output directory with a store."""
+    shutil.copy(database, tmp_path)
+    return tmp_path
+
+
+@pytest.fixture(autouse=True)
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("romgrl.tracking.syncing.PAUSE_SECONDS", 0.0)
+
+
+def send(store: Store, outputs: Path) -> list[str]:
+    """Send every journal as `stage=sync` does; what was refused."""
+    refused = []
+    for path in journals(outputs):
+        with closing(Outbox(path)) as outbox:
+            sender = Sender(outbox, store, {})
+            send_all(sender, store)
+            refused += sender.refused
+    return refused
+
+
+def synced(outputs: Path, **to: str | None) -> list[tuple[str, str]]:
+    """What a sync says."""
+    said: list[tuple[str, str]] = []
+    settings = {"uri": None, "experiment": None} | to
+    Sync(lambda kind, text: said.append((kind, text)), **settings, outputs=outputs).run()
+    return said
+
+
+def beside(outputs: Path, suffix: str) -> list[Path]:
+    return sorted(journal_directory(outputs).glob(f"*.{suffix}"))
+
+
+def http(status: int) -> requests.HTTPError:
+    response = requests.Response()
+    response.status_code = status
+    return requests.HTTPError(f"{status} from a proxy", response=response)
+
+
+NO_PLACE = {
+    "permission": (PermissionError(errno.EACCES, "Permission denied"), "Permission denied"),
+    "no boto3": (ModuleNotFoundError("No module named 'boto3'"), "a library is missing here (No module named 'boto3')"),
+    "no credentials": (RuntimeError("Unable to locate credentials"), "Unable to locate credentials"),
+    "too large": (http(413), "the answer is 413 (too large for a proxy before it)"),
+    "forbidden": (http(403), "the answer is 403"),
+    "broken proxy": (http(500), "the answer is 500"),
+    "cut": (requests.ConnectionError("connection reset"), "connection reset"),
+}
+
+
+@pytest.mark.parametrize("name", NO_PLACE)
+def test_files_that_have_no_place_hold_nothing_back(outputs: Path, name: str) -> None:
+    error, why = NO_PLACE[name]
+    told = tell(outputs, "romgrl")
+    store = Picky(outputs, error, lambda method, *_, **__: method == "log_artifact")
+    assert send(store, outputs) == []
+    found = stored(outputs / "mlflow.db", "romgrl")
+    assert differences(told, found) == (0, 0)
+    assert found.tags["stage", FILES_TAG].startswith(f"{told.directory} on ")
+    assert len(set(store.told)) == 1
+    assert why in store.told[0]
+    assert len(beside(outputs, "left")) == 1
+    _, text = next(line for line in synced_with(outputs, error) if line[0] == "failure")
+    assert why in text
+    assert [kind for kind, _ in synced(outputs)] == ["text"]
+    found = stored(outputs / "mlflow.db", "romgrl")
+    assert ("stage", FILES_TAG) not in found.tags
+    files = {path.read_bytes() for path in (outputs / "mlartifacts").rglob("*") if path.is_file()}
+    assert files == set(FILES.values())
+    assert [*journal_directory(outputs).iterdir()] == []
+
+
+def synced_with(outputs: Path, error: Exception) -> list[tuple[str, str]]:
+    """What a sync says to a store that still takes no file."""
+    with pytest.MonkeyPatch.context() as patch:
+        whole = Store.request
+
+        def request(self: Store, method: str, *arguments: Any, **named: Any) -> Any:
+            if method == "log_artifact":
+                raise error
+            return whole(self, method, *arguments, **named)
+
+        patch.setattr(Store, "request", request)
+        return synced(outputs)
+
+
+def test_an_experiment_whose_files_go_to_a_place_that_is_not_here(outputs: Path) -> None:
+    """As on a server without --serve-artifacts; another experiment gets the whole journal."""
+    store = Store(default_uri(outputs), outputs, tell=lambda topic, text: told_lines.append(text))
+    told_lines: list[str] = []
+    store.request("create_experiment", "nowhere", artifact_location="file:///proc/romgrl")
+    told = tell(outputs, "nowhere")
+    store.uri = "http://server"  # for its words only
+    send(store, outputs)
+    assert differences(told, stored(outputs / "mlflow.db", "nowhere")) == (0, 0)
+    (line,) = set(told_lines)
+    assert "they would go to file:///proc/romgrl/" in line
+    assert "the server needs --serve-artifacts" in line
+    assert find(store, "nowhere", "stage", "key") is None
+    assert {kind for kind, _ in synced(outputs, experiment="elsewhere")} == {"text"}
+    assert differences(told, stored(outputs / "mlflow.db", "elsewhere")) == (0, 0)
+    assert len([path for path in (outputs / "mlartifacts").rglob("*") if path.is_file()]) == len(FILES)
+    assert journals(outputs) == []
+
+
+def test_a_run_without_its_files_is_not_offered(outputs: Path) -> None:
+    store = Store(default_uri(outputs), outputs)
+    experiment = store.experiment_id("romgrl")
+    ids = []
+    for tags in ({}, {FILES_TAG: "/here"}, {}):
+        run = store.request("create_run", experiment, tags={"stage": "teacher", "key": "1", **tags})
+        store.request("set_terminated", run.info.run_id)
+        ids.append(run.info.run_id)
+    store.request("delete_run", ids[2])
+    assert find(store, "romgrl", "teacher", "1") == ids[0]
+
+
+def refused(code: str) -> RestException:
+    return RestException({"error_code": code, "message": "value too long for type character varying(250)"})
+
+
+def of_metrics(method: str, *_: Any, metrics: list[Any] | None = None, **__: Any) -> bool:
+    return method == "log_batch" and any(metric.key == "return" and metric.step == 2 for metric in metrics or ())
+
+
+@pytest.mark.parametrize("code", ["BAD_REQUEST", "INTERNAL_ERROR"])
+def test_one_number_that_is_refused_takes_no_other_with_it(outputs: Path, code: str) -> None:
+    told = tell(outputs, "romgrl")
+    store = Picky(outputs, refused(code), of_metrics)
+    send(store, outputs)
+    found = stored(outputs / "mlflow.db", "romgrl")
+    assert found.points.total() == len(told.points) - 3  # the three numbers of one call
+    assert {status for _, status, _ in found.runs} == {"FINISHED"}
+    assert "MLflow does not take metrics of stage" in store.told[0]
+    assert str(beside(outputs, "left")[0]) in store.told[0]
+    assert synced(outputs)[-1][0] == "text"
+    assert differences(told, stored(outputs / "mlflow.db", "romgrl")) == (0, 0)
+    assert journals(outputs) == []
+
+
+def test_what_is_refused_whenever_it_is_sent_is_kept_and_told(outputs: Path) -> None:
+    tell(outputs, "romgrl")
+    store = Picky(outputs, refused("BAD_REQUEST"), lambda *_, **__: False)
+    whole = store.describe
+
+    def describe(run_id: str, entry: Any) -> None:
+        whole(run_id, entry)
+        store.request("log_param", run_id, "seed", "another")
+
+    store.describe = describe  # type: ignore[method-assign]
+    assert len(send(store, outputs)) == 2
+    assert journals(outputs) == []
+    assert len(beside(outputs, "refused")[0].read_text().splitlines()) == 2
+    assert "MLflow refuses start of job (" in store.told[0]
+
+
+def test_a_run_that_cannot_be_made_holds_up_no_other(outputs: Path) -> None:
+    told = tell(outputs, "romgrl")
+    store = Picky(outputs, refused("BAD_REQUEST"), lambda method, *arguments, **_: arguments[3:] == ("job",))
+    send(store, outputs)
+    assert [name for name, *_ in stored(outputs / "mlflow.db", "romgrl").runs] == ["stage"]
+    synced(outputs)
+    found = stored(outputs / "mlflow.db", "romgrl")
+    assert [(name, status) for name, status, _ in found.runs] == [("job", "FINISHED"), ("stage", "FINISHED")]
+    assert found.points.total() == len(told.points)
+    assert journals(outputs) == []
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        RestException({"error_code": "PERMISSION_DENIED", "message": "no"}),
+        RestException({"error_code": "TEMPORARILY_UNAVAILABLE", "message": "locked"}),
+        MlflowException("API request to http://x failed with exception too many 503 error responses"),
+        MlflowException("API request to http://x failed with exception connection refused"),
+    ],
+)
+def test_a_store_that_may_come_back_is_waited_for(outputs: Path, error: Exception) -> None:
+    told = tell(outputs, "romgrl")
+    for _ in range(3):
+        with pytest.raises(MlflowException):
+            send(Picky(outputs, error, of_metrics), outputs)
+        assert beside(outputs, "left") == []
+    send(Store(default_uri(outputs), outputs), outputs)
+    assert differences(told, stored(outputs / "mlflow.db", "romgrl")) == (0, 0)
+
+
+def test_a_deleted_experiment_is_named_with_the_way_back(outputs: Path) -> None:
+    store = Store(default_uri(outputs), outputs)
+    number = store.experiment_id("romgrl")
+    store.request("delete_experiment", number)
+    told, other = tell(outputs, "romgrl"), tell(outputs, "another")
+    with pytest.raises(ExperimentError, match="the experiment romgrl was deleted"):
+        send(Store(default_uri(outputs), outputs), outputs)
+    said = synced(outputs)
+    ((_, text),) = [line for line in said if line[0] == "failure"]
+    assert f"mlflow experiments restore --experiment-id {number}" in text
+    assert "tracking.experiment=" in text
+    assert differences(other, stored(outputs / "mlflow.db", "another")) == (0, 0)
+    store.request("restore_experiment", number)
+    synced(outputs)
+    assert differences(told, stored(outputs / "mlflow.db", "romgrl")) == (0, 0)
+    assert journals(outputs) == []
+
+
+def test_an_experiment_that_is_deleted_under_a_job(outputs: Path) -> None:
+    store = Store(default_uri(outputs), outputs)
+    number = store.experiment_id("romgrl")
+    Store(default_uri(outputs), outputs).request("delete_experiment", number)
+    tell(outputs, "romgrl")
+    with pytest.raises(ExperimentError, match="was deleted"):
+        send(store, outputs)
+    assert {kind for kind, _ in synced(outputs, experiment="new")} == {"text"}
+    assert len(stored(outputs / "mlflow.db", "new").runs) == 2
+
+
+@pytest.mark.parametrize("local", [False, True])
+def test_a_run_that_was_deleted_goes_on_in_a_new_one(outputs: Path, local: bool) -> None:
+    lines: list[str] = []
+    store = Store(default_uri(outputs), outputs, tell=lambda topic, text: lines.append(text))
+    recorder, written = journaled(outputs)
+    run = recorder.start("stage", tags={"stage": "stage"}, params={"a": 1})
+    run.metrics({"m": 0.0}, 0)
+    written.close()
+    send(store, outputs)
+    ((_, _, run_id),) = stored(outputs / "mlflow.db", "romgrl").runs
+    store.request("delete_run", run_id)
+    for step in (1, 2):  # the second time it goes on in the new one
+        recorder, written = journaled(outputs)
+        again = recorder.start(
+            "stage", tags={"stage": "stage"}, params={"a": 1}, run_id=run.local_id if local else run_id
+        )
+        again.metrics({"m": float(step)}, step)
+        again.finish()
+        written.close()
+        send(store, outputs)
+        if not local:
+            run_id = stored(outputs / "mlflow.db", "romgrl").runs[0][2]
+    found = stored(outputs / "mlflow.db", "romgrl")
+    assert [(name, status) for name, status, _ in found.runs] == [("stage", "FINISHED")]
+    assert found.points == {("stage", "m", 1, 1.0): 1, ("stage", "m", 2, 2.0): 1}
+    assert found.params == {("stage", "a"): 1}
+    assert (len(lines), "was deleted: stage is in a new one" in lines[0]) == (1, True)
+
+
+def test_a_run_that_is_deleted_under_its_training_is_told(outputs: Path) -> None:
+    lines: dict[str, str] = {}
+    store = Store(default_uri(outputs), outputs, tell=lambda topic, text: lines.setdefault(topic, text))
+    recorder, written = journaled(outputs)
+    run = recorder.start("stage", tags={}, params={"a": 1})
+    with closing(Outbox(written.path)) as outbox:
+        sender = Sender(outbox, store, {})
+        sender.step()
+        store.request("delete_run", sender.known[run.local_id.removeprefix("local:")])
+        for step in range(5):
+            run.metrics({"m": float(step)}, step)
+        recorder.start("other", tags={}).finish()
+        run.finish()
+        written.close()
+        while sender.step():
+            pass
+        assert sender.end()
+    assert lines["deleted"].startswith("the run of stage was deleted in MLflow, which takes no more of it; kept in ")
+    assert [name for name, *_ in stored(outputs / "mlflow.db", "romgrl").runs] == ["other"]
+    assert len(beside(outputs, "refused")[0].read_text().splitlines()) == 5 + 1
+    assert journals(outputs) == []
+
+
+def test_names_and_values_are_as_short_as_every_store_takes_them(outputs: Path) -> None:
+    store = Store(default_uri(outputs), outputs)
+    recorder, written = journaled(outputs, "e" * 600)
+    run = recorder.start("sweep " + "n" * 600, tags={"t" * 300: "v" * 9000}, params={"p" * 300: "w" * 9000})
+    run.metrics({"m" * 300: 1.0}, 1)
+    run.describe("d" * 9000)
+    run.finish()
+    written.close()
+    send(store, outputs)
+    (found,) = store.request("search_runs", [store.experiment_id("e" * 600)])
+    assert (len(found.info.run_name), found.info.run_name[-4:]) == (250, "n...")
+    assert found.data.params == {"p" * 247 + "...": "w" * 5997 + "..."}
+    assert list(found.data.metrics) == ["m" * 247 + "..."]
+    assert found.data.tags["t" * 247 + "..."] == "v" * 7997 + "..."
+    assert max(len(value) for value in found.data.tags.values()) == 8000
+    assert len(store.request("get_experiment", found.info.experiment_id).name) == 250
+
+
+WORDS = {
+    "host": (
+        "API request to endpoint /x failed with error code 403 != 200. Response body: 'Invalid Host header - possible'",
+        "it refuses the name box:5000: start it with --allowed-hosts box:5000, and its other names",
+    ),
+    "html": (
+        "API request to endpoint was successful but the response body was not in a valid JSON format",
+        "what answers there is no MLflow server",
+    ),
+    "older": (
+        "Detected out-of-date database schema (found version 0584bdc529eb, but expected dc11669786a5). Take a backup",
+        "those of an older MLflow: cp '/a b.db' '/a b.db.backup' && mlflow db upgrade 'sqlite:////a b.db'",
+    ),
+    "newer": (
+        "Detected out-of-date database schema (found version ffffffffffff, but expected dc11669786a5). Take a backup",
+        "those of a newer MLflow than the ",
+    ),
+    "certificate": ("API request to x failed with exception SSLError [SSL: CERTIFICATE_VERIFY_FAILED]", "not trusted"),
+}
+
+
+@pytest.mark.parametrize("name", WORDS)
+def test_the_line_names_the_remedy(name: str) -> None:
+    text, wanted = WORDS[name]
+    uri = "sqlite:////a b.db" if name in ("older", "newer") else "http://ann:secret@box:5000"
+    line = explained(MlflowException(text), uri)
+    assert wanted in line
+    assert "secret" not in line
+
+
+def test_a_server_that_wants_a_user() -> None:
+    error = RestException({"error_code": "UNAUTHENTICATED", "message": "You are not authenticated"})
+    assert "MLFLOW_TRACKING_USERNAME" in explained(error, "http://box:5000")
