@@ -202,7 +202,7 @@ class Outbox:
             self.left_path.unlink(missing_ok=True)
             return
         written = self.left_path.with_suffix(".left-new")
-        written.write_text("".join(json.dumps(entry) + "\n" for entry in entries))
+        written.write_text("".join(json.dumps(entry) + "\n" for entry in entries), encoding="utf-8")
         os.replace(written, self.left_path)
 
     def set_aside(self, entry: Entry) -> None:

@@ -81,7 +81,6 @@ def _git(root: Path, *arguments: str) -> str:
         stdin=subprocess.DEVNULL,
         capture_output=True,
         encoding="utf-8",
-        errors="replace",
         check=True,
         timeout=GIT_SECONDS,
     )

@@ -30,7 +30,9 @@ def test_the_core_passes_with_sanitizers(tmp_path: Path) -> None:
         f"CORE_TESTS={SOME}",
     ]
     options = f"ARGS=-n 0 -p no:cacheprovider --basetemp={tmp_path}/sanitized"
-    made = subprocess.run([*goal, options], cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
+    made = subprocess.run(
+        [*goal, options], cwd=ROOT, env=environment, capture_output=True, text=True, check=False, encoding="utf-8"
+    )
     assert made.returncode == 0, made.stdout[-5000:] + made.stderr[-5000:]
     (passed,) = re.findall(r"(\d+) passed", made.stdout)
     assert int(passed) > 20

@@ -14,6 +14,8 @@ import mlflow
 from mlflow.exceptions import MlflowException
 from sqlalchemy.exc import SQLAlchemyError
 
+from romgrl.addresses import sqlite_path
+
 
 class ExperimentError(Exception):
     """An experiment was deleted, and its name is taken all the same: nothing can be stored until somebody mends it."""

@@ -206,7 +206,7 @@ def test_what_is_refused_whenever_it_is_sent_is_kept_and_told(outputs: Path) -> 
     store.describe = describe  # type: ignore[method-assign]
     assert len(send(store, outputs)) == 2
     assert journals(outputs) == []
-    assert len(beside(outputs, "refused")[0].read_text().splitlines()) == 2
+    assert len(beside(outputs, "refused")[0].read_text(encoding="utf-8").splitlines()) == 2
     assert "MLflow refuses start of job (" in store.told[0]
 
 
@@ -318,7 +318,7 @@ def test_a_run_that_is_deleted_under_its_training_is_told(outputs: Path) -> None
         assert sender.end()
     assert lines["deleted"].startswith("the run of stage was deleted in MLflow, which takes no more of it; kept in ")
     assert [name for name, *_ in stored(outputs / "mlflow.db", "romgrl").runs] == ["other"]
-    assert len(beside(outputs, "refused")[0].read_text().splitlines()) == 5 + 1
+    assert len(beside(outputs, "refused")[0].read_text(encoding="utf-8").splitlines()) == 5 + 1
     assert journals(outputs) == []
 
 

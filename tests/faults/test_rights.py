@@ -136,7 +136,7 @@ def test_whoever_may_write_beside_it_may_hold_a_lock(tmp_path: Path, mode: int) 
 def test_the_note_of_another_owner_is_replaced(tmp_path: Path) -> None:
     """A file that this user may not write to, in a directory in which it may be removed."""
     owner = Owner(tmp_path / "key")
-    owner.path.write_text("of another")
+    owner.path.write_text("of another", encoding="utf-8")
     before = owner.path.stat().st_ino
     with owner.path.open():
         owner.sign()

@@ -26,7 +26,7 @@ def write(directory: Path, files: dict[str, str]) -> Path:
     for name, text in files.items():
         path = directory / name
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text)
+        path.write_text(text, encoding="utf-8")
     return directory
 
 
@@ -166,7 +166,7 @@ def helper(directory: Path, name: str, script: str) -> Path:
     """A program that is there and does something else."""
     directory.mkdir(exist_ok=True)
     path = directory / name
-    path.write_text(f"#!/bin/sh\n{script}\n")
+    path.write_text(f"#!/bin/sh\n{script}\n", encoding="utf-8")
     path.chmod(0o755)
     return path
 
@@ -184,7 +184,7 @@ def test_a_git_that_does_not_work_costs_the_revision_alone(tmp_path: Path, monke
     assert provenance.git_state() == (None, None)
     helper(tmp_path, "git", f"echo >> {asked}; exec sleep 20")
     assert provenance.git_state() == provenance.git_state() == (None, None)
-    assert len(asked.read_text().splitlines()) == 1  # not once per stage
+    assert len(asked.read_text(encoding="utf-8").splitlines()) == 1  # not once per stage
     monkeypatch.setattr(provenance, "_hung", [])
     (tmp_path / "git").unlink()
     monkeypatch.setenv("PATH", "")
@@ -214,6 +214,7 @@ def test_another_mlflow_on_the_path_is_not_recommended(tmp_path: Path, monkeypat
 @pytest.mark.usefixtures("proxies")
 def test_what_is_left_is_brought_or_the_proxy_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "journal").mkdir()
+    (tmp_path / "journal" / "1.jsonl").touch()
     monkeypatch.setattr("romgrl.recorder.TrackingProcess.join", lambda self: setattr(self, "failure", "refused"))
     with pytest.raises(TrackingError, match=r"refused; mlflow\.example is asked through the proxy 127"):
         sync("http://mlflow.example", tmp_path)

@@ -7,6 +7,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -34,9 +35,11 @@ LINUX = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="other b
 @LINUX
 @pytest.mark.parametrize("wish", ["egl", "OSMesa", "nonsense", "egl,osmesa", ""])
 def test_physics_needs_no_opengl(wish: str, tmp_path: Path) -> None:
-    (tmp_path / "sitecustomize.py").write_text(BARE)
+    (tmp_path / "sitecustomize.py").write_text(BARE, encoding="utf-8")
     environment = os.environ | {"MUJOCO_GL": wish, "PYTHONPATH": f"{tmp_path}:{ROOT}"}
-    done = subprocess.run([sys.executable, "-c", PHYSICS], env=environment, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", PHYSICS], env=environment, capture_output=True, text=True, check=False, encoding="utf-8"
+    )
     assert done.stdout == f"24 {wish}\n", done.stderr  # children, and who draws, see the wish as it was
 
 

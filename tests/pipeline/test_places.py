@@ -106,7 +106,7 @@ def test_what_stopped_a_sweep_does_not_stop_it_again(loader: GuardedLoader, tmp_
     launch.leave("[seed=0] interrupted by SIGTERM", 143)
     launch.stop()
     (tmp_path / "grid" / f"1{RUNNING}").touch()
-    (tmp_path / "grid" / "jobs.jsonl").write_text("{}\n")
+    (tmp_path / "grid" / "jobs.jsonl").write_text("{}\n", encoding="utf-8")
     assert {path.name for path in (tmp_path / "grid").iterdir()} == {STOPPING, FAILURES, f"1{RUNNING}", "jobs.jsonl"}
     claim(composed(loader, "hydra.sweep.dir=grid"))
     assert {path.name for path in (tmp_path / "grid").iterdir()} == {sweep_directory.LOCK, "jobs.jsonl"}
@@ -145,5 +145,5 @@ def test_a_sweep_in_a_directory_of_its_own_goes_on(command: Command, tmp_path: P
     grid = f"hydra.sweep.dir={tmp_path}/grid"
     assert command(*SWEEP, grid, FAKE_FAULT="baseline:diverge").returncode == 4
     assert command(*SWEEP, grid).returncode == 0
-    assert len((tmp_path / "grid" / "jobs.jsonl").read_text().splitlines()) == 4
+    assert len((tmp_path / "grid" / "jobs.jsonl").read_text(encoding="utf-8").splitlines()) == 4
     assert not (tmp_path / "outputs" / "sweeps").exists()

@@ -89,7 +89,7 @@ def test_a_sweep_has_the_text_of_each_value(tmp_path: Path, written: str, values
     arguments = ["-m", f"{key}={written}"]
     if stored:
         parameters = f'hydra: {{mode: MULTIRUN, sweeper: {{params: {{{key}: "{written}"}}}}}}\n'
-        (tmp_path / "mine.yaml").write_text(HEAD + parameters)
+        (tmp_path / "mine.yaml").write_text(HEAD + parameters, encoding="utf-8")
         arguments = [f"--config-dir={tmp_path}", "--config-name=mine"]
     assert faults(arguments) == []
     loader = composed(*arguments)
@@ -106,7 +106,7 @@ def test_a_sweep_has_the_text_of_each_value(tmp_path: Path, written: str, values
 def test_files_keep_their_text(tmp_path: Path) -> None:
     for number, words in enumerate(batched(WORDS, len(FREE))):
         text = "".join(f"{key.replace('.', ': {')}: {word}}}\n" for key, word in zip(FREE, words, strict=False))
-        (tmp_path / f"mine_{number}.yaml").write_text(HEAD + text)
+        (tmp_path / f"mine_{number}.yaml").write_text(HEAD + text, encoding="utf-8")
         config, lines = composed(f"--config-dir={tmp_path}", f"--config-name=mine_{number}").compose([])
         assert config is not None, lines
         found = [OmegaConf.select(config, key).removeprefix(f"{os.getcwd()}/") for key in FREE[: len(words)]]
@@ -119,10 +119,12 @@ def test_all_kinds_of_files_keep_their_text(tmp_path: Path, word: str) -> None:
     (tmp_path / "experiment").mkdir()
     (tmp_path / "tracking").mkdir()
     parameters = f"hydra: {{sweeper: {{params: {{humanoid.name: {word}}}}}}}\n"
-    (tmp_path / "mine.yaml").write_text(HEAD + f"paths: {{outputs: {word}}}\nseed: 1_0\n{parameters}")
+    (tmp_path / "mine.yaml").write_text(HEAD + f"paths: {{outputs: {word}}}\nseed: 1_0\n{parameters}", encoding="utf-8")
     preset = f"# @package _global_\nexperiment: mine\nrom:\n  name: {word}\n"
-    (tmp_path / "experiment" / "mine.yaml").write_text(preset)
-    (tmp_path / "tracking" / "mine.yaml").write_text(f"defaults: [sqlite, _self_]\nexperiment: {word} # a remark\n")
+    (tmp_path / "experiment" / "mine.yaml").write_text(preset, encoding="utf-8")
+    (tmp_path / "tracking" / "mine.yaml").write_text(
+        f"defaults: [sqlite, _self_]\nexperiment: {word} # a remark\n", encoding="utf-8"
+    )
     arguments = [f"--config-dir={tmp_path}", "--config-name=mine", "experiment=mine", "tracking=mine"]
     assert faults(arguments) == []
     config, lines = composed(*arguments).compose(arguments[2:])
@@ -136,7 +138,7 @@ def test_whole_floats_are_whole_numbers(compose_config: Composer, tmp_path: Path
     config = compose_config("student.total_steps=1e6", "seed=4.0", "student.hidden_sizes=[64.0,32]")
     assert (config.student.total_steps, config.seed, config.student.hidden_sizes) == (1_000_000, 4, [64, 32])
     assert {type(value) for value in (config.student.total_steps, config.seed, *config.student.hidden_sizes)} == {int}
-    (tmp_path / "mine.yaml").write_text(HEAD + "teacher: {total_steps: 1e5}\n")
+    (tmp_path / "mine.yaml").write_text(HEAD + "teacher: {total_steps: 1e5}\n", encoding="utf-8")
     assert faults([f"--config-dir={tmp_path}", "--config-name=mine"]) == []
     for value in ("1.5", "1e-3", "1e400", "nan"):
         assert faults([f"student.total_steps={value}"])[0].startswith("student.total_steps: ")
@@ -220,7 +222,7 @@ HEADERS = {
 def test_a_package_that_does_not_count_is_named(tmp_path: Path, header: str) -> None:
     path = tmp_path / "experiment" / "mine.yaml"
     path.parent.mkdir()
-    path.write_text(header + "speed: 3\n")
+    path.write_text(header + "speed: 3\n", encoding="utf-8")
     lines = faults([f"--config-dir={tmp_path}", "experiment=mine", "eta=7"])
     assert [line for line in lines if line.startswith(f"{path}{HEADERS[header]}")], lines
     assert len(lines) == 2  # eta is told, too
@@ -229,9 +231,9 @@ def test_a_package_that_does_not_count_is_named(tmp_path: Path, header: str) -> 
 def test_a_package_that_counts(tmp_path: Path) -> None:
     path = tmp_path / "experiment" / "mine.yaml"
     path.parent.mkdir()
-    path.write_text("\n# @package _global_\n# mine\nexperiment: mine\nspeed: 3\n")
+    path.write_text("\n# @package _global_\n# mine\nexperiment: mine\nspeed: 3\n", encoding="utf-8")
     assert faults([f"--config-dir={tmp_path}", "experiment=mine"]) == []
-    path.write_text("speed: 3\n")
+    path.write_text("speed: 3\n", encoding="utf-8")
     (line,) = faults([f"--config-dir={tmp_path}", "experiment=mine"])
     assert line.endswith("; the first line of a preset is `# @package _global_`")
 
@@ -239,7 +241,7 @@ def test_a_package_that_counts(tmp_path: Path) -> None:
 def test_options_keep_what_they_name(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     directory = tmp_path / "lr=0.1"
     directory.mkdir()
-    (directory / "mine.yaml").write_text(HEAD + "speed: 3\n")
+    (directory / "mine.yaml").write_text(HEAD + "speed: 3\n", encoding="utf-8")
     monkeypatch.setenv("HOME", str(tmp_path))
     for arguments in (["--config-dir", str(directory)], ["-cd", "~/lr=0.1"], ["--config-dir=~/lr=0.1"]):
         assert flags_first(["speed=2", *arguments])[0] == f"--config-dir={directory}"

@@ -127,7 +127,9 @@ def test_no_preview_without_a_working_ffmpeg(
 def test_a_matplotlibrc_changes_no_figure(tmp_path: Path) -> None:
     """Nor does it ask for a LaTeX that is not there."""
     settings = tmp_path / "matplotlibrc"
-    settings.write_text("text.usetex: true\nlines.linewidth: 9\naxes.facecolor: black\nsavefig.bbox: tight\n")
+    settings.write_text(
+        "text.usetex: true\nlines.linewidth: 9\naxes.facecolor: black\nsavefig.bbox: tight\n", encoding="utf-8"
+    )
     for name, variables in (("plain", {}), ("odd", {"MATPLOTLIBRC": str(settings)})):
         command = [sys.executable, "-c", FIGURE, tmp_path, name]
         subprocess.run(command, check=True, cwd=ROOT, env=os.environ | variables)
