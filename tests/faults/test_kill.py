@@ -17,7 +17,7 @@ from romgrl.config import STAGES
 from tests.limits import PATIENCE, wait_until
 from tests.pipeline.conftest import start
 
-FEW, MANY = (2, 2), (50, 10)  # kills, and of one pipeline
+FEW, MANY = (1, 1), (50, 10)  # kills, and of one pipeline
 SMALL = (
     "experiment=smoke",
     "tracking=none",
