@@ -22,6 +22,12 @@ from tests.pipeline.conftest import Command, start
 Composer = Callable[..., Config]
 
 
+@pytest.fixture(scope="session", autouse=True)
+def listen_to_the_end_of_a_terminal() -> None:
+    """Jobs that tests start inherit what is ignored: below nohup they would go on after a SIGHUP, and rightly."""
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
+
+
 @pytest.fixture(scope="session")
 def compose_config() -> Iterator[Composer]:
     """Compose the configuration that a command line with these overrides would give."""
