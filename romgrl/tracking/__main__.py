@@ -166,13 +166,17 @@ class Live:
         return False
 
 
-def own_outbox(path: Path) -> Outbox | None:
+def own_outbox(path: Path, link: Link) -> Outbox | None:
     """The outbox of the own journal, once no other process sends it; None if that one has sent it to its end."""
     while path.exists():
         try:
-            return Outbox(path)
+            outbox = Outbox(path)
         except BusyError:
+            link.at_work = False  # a process that stands still must not hold up the end of the job
             time.sleep(POLL_SECONDS)
+        else:
+            link.at_work = True
+            return outbox
     return None
 
 
@@ -183,7 +187,7 @@ def serve(connection: Connection) -> None:
     uri, outputs, journal = (settings[name] for name in ("uri", "outputs", "journal"))
     if journal is None:
         Sync(link.say, uri=uri, experiment=settings["experiment"], outputs=outputs).run()
-    elif (outbox := own_outbox(journal)) is not None:
+    elif (outbox := own_outbox(journal, link)) is not None:
         Live(link, outbox, uri=uri, outputs=outputs).serve()
 
 

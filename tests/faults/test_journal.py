@@ -8,8 +8,10 @@ import os
 import shutil
 import statistics
 import time
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -17,6 +19,7 @@ import pytest
 from romgrl import journal
 from romgrl.journal import BusyError, Journal, JournalError, Outbox, journals, redacted
 from romgrl.recorder import RecordedRun, Recorder, default_uri
+from romgrl.tracking.__main__ import own_outbox
 from romgrl.tracking.sender import ParentError, Sender
 from romgrl.tracking.store import Store
 from tests.faults.runs import FILES, Told, differences, stored
@@ -361,3 +364,19 @@ def test_files_are_all_there(outputs: Path) -> None:
     send_all(Store(default_uri(outputs), outputs), outputs)
     copies = {path: path.read_bytes() for path in (outputs / "mlartifacts").rglob("*") if path.is_file()}
     assert sorted(copies.values()) == sorted(FILES.values())
+
+
+def test_who_waits_for_a_journal_says_no_beat(tmp_path: Path) -> None:
+    """So that a job does not wait at its end for a process that stands still with its journal in its hands."""
+    link = SimpleNamespace(at_work=True)
+    written = Journal(tmp_path, HEADER)
+    other = Outbox(written.path)
+    with ThreadPoolExecutor(1) as pool:
+        waiting = pool.submit(own_outbox, written.path, link)
+        wait_until(lambda: not link.at_work)
+        other.close()
+        outbox = waiting.result()
+    assert outbox is not None
+    assert link.at_work
+    outbox.close()
+    written.close()
