@@ -5,7 +5,6 @@ from __future__ import annotations
 import errno
 import json
 import os
-import shutil
 import statistics
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -42,23 +41,6 @@ class FaultyStore(Store):
         if fails:
             raise OSError("lost")
         return answer
-
-
-@pytest.fixture(scope="module")
-def database(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """An empty store, whose tables take seconds to make."""
-    directory = tmp_path_factory.mktemp("store")
-    store = Store(default_uri(directory), directory)
-    store.request("search_experiments")
-    store.close()
-    return directory / "mlflow.db"
-
-
-@pytest.fixture
-def outputs(tmp_path: Path, database: Path) -> Path:
-    """An output directory with a store."""
-    shutil.copy(database, tmp_path)
-    return tmp_path
 
 
 def journaled(outputs: Path, experiment: str = "romgrl") -> tuple[Recorder, Journal]:

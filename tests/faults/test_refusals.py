@@ -4,7 +4,6 @@ somebody deleted. Nothing else waits for it, one line says what it is, and it ar
 from __future__ import annotations
 
 import errno
-import shutil
 from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
@@ -40,23 +39,6 @@ class Picky(Store):
         if self.refuses(method, *arguments, **named):
             raise self.error
         return super().request(method, *arguments, **named)
-
-
-@pytest.fixture(scope="module")
-def database(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """An empty store, whose tables take seconds to make."""
-    directory = tmp_path_factory.mktemp("store")
-    store = Store(default_uri(directory), directory)
-    store.request("search_experiments")
-    store.close()
-    return directory / "mlflow.db"
-
-
-@pytest.fixture
-def outputs(tmp_path: Path, database: Path) -> Path:
-    """An output directory with a store."""
-    shutil.copy(database, tmp_path)
-    return tmp_path
 
 
 @pytest.fixture(autouse=True)
