@@ -1,6 +1,9 @@
 # romgrl: `make help` lists the targets.
 SHELL := /bin/bash
 VENV ?= .venv
+ifneq ($(words $(VENV)),1)
+$(error VENV: '$(VENV)' is not allowed; allowed: one path without blanks)
+endif
 PYTHON ?= python3
 BIN := $(VENV)/bin
 PACKAGE := $(VENV)/.package

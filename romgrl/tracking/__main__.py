@@ -135,6 +135,7 @@ class Live:
     def step(self, *, ended: bool) -> bool:
         """Send a piece; False if there is no more to send."""
         moved = self._own.step()
+        self._own.name_sent()
         for uid in self._own.starts.keys() & self.known.keys() - self._told:
             self._told.add(uid)
             self.link.say("experiment", self.store.experiment_id(self._own.outbox.experiment))

@@ -89,6 +89,11 @@ class Sender:
             self.outbox.delete()
         return True
 
+    def name_sent(self) -> None:
+        """Learn MLflow's ids of runs that another process has sent: their job waits for them."""
+        for uid in self.starts.keys() - self.known.keys():
+            self._run_id(uid)
+
     def _note(self, entry: Entry) -> None:
         self._last = entry["at"]
         if entry["do"] == "start":

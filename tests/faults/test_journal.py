@@ -17,7 +17,7 @@ import pytest
 
 from romgrl import journal
 from romgrl.journal import BusyError, Journal, JournalError, Outbox, journals, redacted
-from romgrl.recorder import RecordedRun, Recorder, default_uri
+from romgrl.recorder import LOCAL, RecordedRun, Recorder, default_uri
 from romgrl.tracking.__main__ import own_outbox
 from romgrl.tracking.sender import ParentError, Sender
 from romgrl.tracking.store import Store
@@ -362,3 +362,19 @@ def test_who_waits_for_a_journal_says_no_beat(tmp_path: Path) -> None:
     assert link.at_work
     outbox.close()
     written.close()
+
+
+def test_runs_that_another_process_sent_are_named(outputs: Path) -> None:
+    """Else their job would wait for the ids for ever: that process keeps them to itself."""
+    recorder, written = journaled(outputs)
+    run = recorder.start("teacher", tags={"stage": "teacher"})
+    store = Store(default_uri(outputs), outputs)
+    with closing(Outbox(written.path)) as outbox:
+        other = Sender(outbox, store, {})
+        while other.step():
+            pass
+        own = Sender(outbox, store, {})
+        assert not own.step()
+        own.name_sent()
+    assert own.known == other.known
+    assert list(own.known) == [run.local_id.removeprefix(LOCAL)]
