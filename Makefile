@@ -71,7 +71,7 @@ $(PEERS)/%/.built: benchmarks/peers/%.txt
 	rm -rf $(@D)
 	$(PYTHON) -m venv $(@D)
 	echo "import site; site.addsitedir('$(SITE)')" > "$$($(@D)/bin/python -c "import site; print(site.getsitepackages()[0])")/_project.pth"
-	PIP_CONSTRAINT= $(@D)/bin/python -m pip install --quiet --no-deps --ignore-requires-python --requirement $<
+	PIP_CONSTRAINT= PIP_BUILD_CONSTRAINT= $(@D)/bin/python -m pip install --quiet --no-deps --ignore-requires-python --requirement $<
 	@touch $@
 
 preview: $(PACKAGE) ## make the looping picture of the README from the newest report (options: OUTPUTS=DIR)

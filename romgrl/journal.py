@@ -27,6 +27,7 @@ FIELDS = {
 }  # of each request, beside `do`, `run` (its local id) and `at` (milliseconds since 1970)
 SYNC_SECONDS = 1.0  # of requests that a power failure may take
 PIECE_BYTES = 65536  # read and sent before it is noted that the store has it
+MARK_BYTES, LONGEST_PLACE = 20, 4096  # of a `.sent` file: how far the store has the journal, and which store that is
 PASSWORD = re.compile(r"(://[^\s:/@]*:)\S*@")
 HIDDEN = "***"
 
@@ -74,7 +75,7 @@ class Journal:
         directory.mkdir(parents=True, exist_ok=True)
         self.path = directory / f"{time.time_ns() // 1000:020d}-{uuid.uuid4().hex[:8]}.jsonl"
         hidden = self.path.with_suffix(".new")  # nobody finds it before it is locked and has its header
-        self._file = os.open(hidden, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND, 0o644)
+        self._file = os.open(hidden, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND, 0o666)
         fcntl.flock(self._file, fcntl.LOCK_EX)
         self._writing = threading.Lock()
         self._synced = self._size = 0
@@ -124,7 +125,10 @@ class Outbox:
         self.path = path
         self._state_path = path.with_suffix(".sent")
         self.left_path, self.refused_path = path.with_suffix(".left"), path.with_suffix(".refused")
-        self._state = os.open(self._state_path, os.O_RDWR | os.O_CREAT, 0o644)
+        try:
+            self._state = os.open(self._state_path, os.O_RDWR | os.O_CREAT, 0o666)
+        except PermissionError as error:  # another user's
+            raise JournalError(f"{self._state_path}: {error.strerror}; whose it is may send it") from None
         try:
             fcntl.flock(self._state, fcntl.LOCK_EX | fcntl.LOCK_NB)
             self._lines = path.open("rb")
@@ -148,7 +152,7 @@ class Outbox:
     @property
     def offset(self) -> int:
         """Bytes that the store has."""
-        noted = os.pread(self._state, 20, 0)
+        noted = os.pread(self._state, MARK_BYTES, 0)
         return max(int(noted), self._first) if noted.isdigit() else self._first
 
     def mark(self, offset: int) -> None:
@@ -213,10 +217,12 @@ class Outbox:
         """Keep a request that is not sent any more, beside the journal and after it."""
         self._append_once(self.refused_path, entry)
 
-    def rewind(self) -> None:
-        """Another store, which has nothing of this journal, gets all of it."""
-        self.mark(0)
-        self.keep_left([])
+    def aim(self, place: str = "") -> None:
+        """Send to a place, the one that was meant or another; one that differs from the last gets the whole journal."""
+        if os.pread(self._state, LONGEST_PLACE, MARK_BYTES) != place.encode()[:LONGEST_PLACE]:
+            os.ftruncate(self._state, 0)
+            self.keep_left([])
+            os.pwrite(self._state, place.encode()[:LONGEST_PLACE], MARK_BYTES)
 
     def _append_once(self, path: Path, entry: Entry) -> None:
         line = json.dumps(entry)

@@ -6,9 +6,10 @@ import hashlib
 import json
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
+from functools import lru_cache
 from typing import Any
 
-from romgrl.config import Config
+from romgrl.config import Config, Humanoid
 from romgrl.pretrained import GROUPS, is_pretrained, shipped
 from romgrl.provenance import computing_versions
 from romgrl.sources import source_digest
@@ -114,17 +115,23 @@ def body_settings(stage: str, config: Config) -> dict[str, Any]:
 
     The reduced-order model takes its sizes alone, and colours count where they are drawn. Raises ConfigurationError.
     """
+    sizes, physics, full = body_digests(json.dumps(asdict(config.humanoid)))
+    described = {"humanoid.sizes": sizes}
+    if "humanoid" not in STAGES[stage].depends:
+        return described
+    return described | {"humanoid.xml": f"sha256:{full if stage == 'report' else physics}"}
+
+
+@lru_cache(maxsize=1)
+def body_digests(humanoid: str) -> tuple[str, str, str]:
+    """Sizes and the digests of physics and of all of a model file, compiled once for all stages of a job."""
     from romgrl.humanoid import digest, model  # MuJoCo takes a moment to import
 
     model.set_up_mujoco()
-    body = model.configured(config.humanoid)
+    body = model.configured(Humanoid(**json.loads(humanoid)))
     sizes = model.dimensions(body)
-    lengths = (sizes.mass, sizes.leg_length, sizes.ankle_height)
-    described = {"humanoid.sizes": "{:.9g} kg, leg {:.9g} m, ankle {:.9g} m".format(*lengths)}
-    if "humanoid" not in STAGES[stage].depends:
-        return described
-    content = digest.full_digest(body) if stage == "report" else digest.physics_digest(body)
-    return described | {"humanoid.xml": f"sha256:{content}"}
+    text = f"{sizes.mass:.9g} kg, leg {sizes.leg_length:.9g} m, ankle {sizes.ankle_height:.9g} m"
+    return text, digest.physics_digest(body), digest.full_digest(body)
 
 
 def pretrained_settings(stage: str) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from romgrl.config import Config
 from romgrl.cores import available_cores
 from romgrl.job import Job
 from romgrl.journal import redacted
-from romgrl.keys import STAGES, plan, share_threads
+from romgrl.keys import STAGES, body_digests, plan, share_threads
 from romgrl.misfits import validate
 from romgrl.pretrained import require_shipped
 from romgrl.progress import make_bars, make_console
@@ -49,6 +49,7 @@ def run(
     validate(config)
     require_shipped(config)
     config = resolve(config)
+    body_digests.cache_clear()  # the file may have changed since the last job
     if config.stage == "sync":
         return bring_the_rest(config, name, console or make_console())
     if config.stage == "verify":

@@ -16,19 +16,14 @@ BACKENDS = ("egl", "osmesa", "glfw") if sys.platform.startswith("linux") else ("
 
 
 def import_mujoco() -> None:
-    """Import MuJoCo, which fails by itself where MUJOCO_GL names what it does not know or what is not installed.
-
-    A backend is imported by who draws: `open_context`.
-    """
+    """Import MuJoCo without a backend, which may be unknown, missing or broken: `open_context` imports one to draw."""
     value = os.environ.get(VARIABLE)
-    if "mujoco" in sys.modules or value is None or wish() in (*ANY, *OFF, "glfw"):
-        importlib.import_module("mujoco")
-        return
     os.environ[VARIABLE] = "disable"
     try:
         importlib.import_module("mujoco")
     finally:
-        os.environ[VARIABLE] = value
+        del os.environ[VARIABLE]
+        os.environ |= {} if value is None else {VARIABLE: value}
 
 
 def wish() -> str:

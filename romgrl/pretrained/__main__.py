@@ -19,8 +19,8 @@ from romgrl.config import Config
 from romgrl.display import protect
 from romgrl.errors import ArtifactError, ConfigurationError, RomgrlError
 from romgrl.keys import stage_settings
-from romgrl.pretrained.card import write_card
 from romgrl.results.finished import LINEAGE, Evaluation, differing, evaluations, plain, shortened
+from romgrl.surroundings import settle
 
 CARD = "MODEL_CARD.md"
 
@@ -61,6 +61,8 @@ def unlike(stage: str, manifest: Manifest, config: Config) -> list[str]:
 
 def ship(outputs: Path, config: Config) -> list[Path]:
     """Write the three artifacts, without what is about one machine or store, and the card; returns what was written."""
+    from romgrl.pretrained.card import write_card  # imports Matplotlib, after `settle`
+
     evaluation, manifests = find(outputs, config)
     sources = {stage: outputs / "artifacts" / stage / manifest.key for stage, manifest in manifests.items()}
     for stage, source in sources.items():
@@ -85,6 +87,7 @@ def write(stage: str, manifest: Manifest, source: Path) -> list[Path]:
 def main(arguments: Sequence[str]) -> int:
     """Ship and say what was written; the exit code of the failure otherwise."""
     protect()
+    settle()
     if not arguments or "=" in arguments[0]:
         print(__doc__, file=sys.stderr)
         return 2

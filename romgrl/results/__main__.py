@@ -12,8 +12,7 @@ from pathlib import Path
 
 from romgrl.display import protect
 from romgrl.errors import RomgrlError
-from romgrl.results.document import write_document
-from romgrl.results.readme import write_readme
+from romgrl.surroundings import settle
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -22,6 +21,10 @@ def main(arguments: Sequence[str]) -> int:
     if len(arguments) not in (2, 3):
         print(__doc__, file=sys.stderr)
         return 2
+    settle()  # before Matplotlib is imported
+    from romgrl.results.document import write_document
+    from romgrl.results.readme import write_readme
+
     outputs = Path(arguments[0]).expanduser().resolve()
     try:
         written = write_document(outputs, Path(arguments[1]))

@@ -153,6 +153,7 @@ class Live:
                 self._looked_at.add(path)
                 with suppress(*OF_ONE_JOURNAL), closing(Outbox(path)) as outbox:
                     if (outbox.uri or default_uri(self.outputs)) == redacted(self.store.uri):
+                        outbox.aim()
                         if self.send(Sender(outbox, self.store, self.known)):
                             self._looked_at.remove(path)
                         return True

@@ -34,6 +34,7 @@ OF_FILES = {
 STATUS = re.compile(r"failed with error code (\d{3})|too many (\d{3}) error responses")
 NO_ANSWER = re.compile(r"^API request to \S+ failed with (timeout )?exception")
 DELETED = re.compile(r"must be in the 'active' state|[Rr]un .* not found|No Run with id")
+OF_SQLALCHEMY = "(raised as a result of"  # before the line that says what went wrong
 SCHEMA = re.compile(r"out-of-date database schema \(found version (\w+), but expected (\w+)\)")
 
 
@@ -47,7 +48,8 @@ class FilesError(Exception):
 
 def first_line(error: BaseException) -> str:
     """What went wrong, on one line."""
-    return (str(error).splitlines() or [type(error).__name__])[0]
+    lines = [line for line in str(error).splitlines() if line.strip() and not line.startswith(OF_SQLALCHEMY)]
+    return (lines or [type(error).__name__])[0]
 
 
 def status_of(error: BaseException) -> int | None:

@@ -155,7 +155,7 @@ class Sender:
     def _send(self, entry: Entry, *, judged: bool = False) -> bool:
         """Send a request; False if it was set aside."""
         do, uid = entry["do"], entry["run"]
-        if do == "start":
+        if do == "start" and not judged:  # one that was left is known, and its run may have ended since
             self._note(entry)
         run_id = self._run_id(uid)
         counts = self.counts.setdefault(uid, Counter())

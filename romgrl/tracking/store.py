@@ -20,6 +20,7 @@ from mlflow.entities import Metric, Param, Run, RunTag, ViewType
 from mlflow.exceptions import MlflowException
 
 from romgrl.addresses import sqlite_path
+from romgrl.artifacts import lock_mode
 from romgrl.journal import Entry, redacted
 from romgrl.recorder import LOCAL
 from romgrl.tracking.failures import DELETED, FAILURES, REFUSED, ExperimentError, RefusedError, first_line
@@ -220,7 +221,8 @@ def open_client(uri: str, outputs: Path) -> MlflowClient:
     if database is None:
         return MlflowClient(tracking_uri=uri)
     outputs.mkdir(parents=True, exist_ok=True)
-    with FileLock(outputs / ".mlflow.lock"):
+    with FileLock(outputs / ".mlflow.lock", mode=lock_mode(outputs)):
+        database.touch()  # SQLite would let nobody else write, whatever the umask
         with closing(sqlite3.connect(database)) as store:
             store.execute("PRAGMA journal_mode=WAL")
         client = MlflowClient(tracking_uri=uri)

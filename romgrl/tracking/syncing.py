@@ -61,9 +61,9 @@ class Sync:
             self._away[uri] = "the journal does not have its password; give tracking.uri"
         if uri in self._away:
             return
-        if redacted(uri) != meant or self.experiment not in (None, outbox.experiment):
-            outbox.rewind()
+        elsewhere = redacted(uri) != meant or self.experiment not in (None, outbox.experiment)
         outbox.experiment = self.experiment or outbox.experiment
+        outbox.aim(f"{redacted(uri)} {outbox.experiment}" if elsewhere else "")
         store = self._stores.setdefault(uri, Store(uri, self.outputs, tell=self.tell))
         sender = Sender(outbox, store, self._known.setdefault(uri, {}))
         try:

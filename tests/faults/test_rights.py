@@ -21,6 +21,7 @@ from romgrl.config import Config
 from romgrl.errors import ArtifactError, ConfigurationError
 from romgrl.locks import Owner, exclusive, lock_path
 from romgrl.watching import film_directory
+from tests.limits import PATIENCE
 from tests.pipeline.conftest import start, trainings
 
 ARGUMENTS = ("experiment=smoke", "threads=1", "stage=evaluation")
@@ -44,7 +45,7 @@ def reader(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Reader]:
         with monkeypatch.context() as patched:
             patched.setattr(subprocess, "Popen", started)
             process = start(*arguments, f"paths.outputs={outputs}")
-        out, err = process.communicate(timeout=120)
+        out, err = process.communicate(timeout=PATIENCE)
         permit(outputs, 0o755)
         return subprocess.CompletedProcess(process.args, process.returncode, out, err)
 

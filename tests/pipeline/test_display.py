@@ -20,7 +20,7 @@ from romgrl import display, targets
 from romgrl.artifacts import storage_faults
 from romgrl.display import Guarded
 from romgrl.launch import Labelled
-from tests.faults.test_locks import wait_until
+from tests.limits import LONG, PATIENCE, wait_until
 from tests.pipeline.conftest import ROOT, Command
 
 SAY = """
@@ -44,7 +44,7 @@ def shell(command: str, *arguments: str, **variables: str) -> subprocess.Complet
     """Run a line of bash, in which "$@" is this Python with arguments; its exit code is that of the first command."""
     line = ["bash", "-c", f"{command}; exit ${{PIPESTATUS[0]}}", "bash", sys.executable, *arguments]
     environment = os.environ | {"PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"} | variables
-    return subprocess.run(line, env=environment, cwd=ROOT, capture_output=True, encoding="utf-8", timeout=120)
+    return subprocess.run(line, env=environment, cwd=ROOT, capture_output=True, encoding="utf-8", timeout=PATIENCE)
 
 
 @pytest.mark.parametrize(
@@ -126,7 +126,7 @@ def test_a_reader_that_is_slow_is_waited_for(monkeypatch: pytest.MonkeyPatch) ->
     assert Guarded(writing).write(data) == len(data)
     os.close(writing)
     expected = subprocess.run(["cksum"], input=data, capture_output=True, check=True).stdout
-    assert reader.communicate(timeout=10)[0] == expected
+    assert reader.communicate(timeout=PATIENCE)[0] == expected
 
 
 def test_a_stream_of_others_stays(capsys: pytest.CaptureFixture[str]) -> None:
@@ -155,7 +155,7 @@ def test_nohup_keeps_a_job_from_its_terminal(tmp_path: Path) -> None:
     )
     wait_until((tmp_path / "artifacts" / "calls.txt").exists)
     job.send_signal(signal.SIGHUP)
-    assert b"teacher: done" in job.communicate(timeout=60)[0]
+    assert b"teacher: done" in job.communicate(timeout=PATIENCE)[0]
     assert job.returncode == 0
 
 
@@ -168,7 +168,7 @@ def test_a_terminal_that_closes_ends_a_job_in_good_order(tmp_path: Path) -> None
     job = subprocess.Popen(
         [sys.executable, "-m", "tests.pipeline.fake_stages", *TEACHER, f"paths.outputs={tmp_path}"],
         cwd=ROOT,
-        env=os.environ | {"FAKE_SECONDS": "60", "TERM": "xterm"},
+        env=os.environ | {"FAKE_SECONDS": LONG, "TERM": "xterm"},
         stdin=own,
         stdout=own,
         stderr=own,
@@ -178,7 +178,7 @@ def test_a_terminal_that_closes_ends_a_job_in_good_order(tmp_path: Path) -> None
     os.close(own)
     wait_until((tmp_path / "artifacts" / "calls.txt").exists)
     os.close(terminal)
-    assert job.wait(timeout=60) == 128 + signal.SIGHUP
+    assert job.wait(timeout=PATIENCE) == 128 + signal.SIGHUP
     assert list(tmp_path.glob("artifacts/teacher/*.partial"))
     assert not list(tmp_path.glob("artifacts/teacher/.*.owner"))
 

@@ -22,6 +22,7 @@ from romgrl.loading import Loader
 from romgrl.results.sweeps import sweeps, write_sweep
 from romgrl.sweep_directory import claim, made_anew
 from romgrl.targets import GuardedLoader
+from tests.limits import PATIENCE
 from tests.pipeline.conftest import Command, start
 
 SWEEP = ("-m", "stage=baseline", "seed=0,1", "tracking=none")
@@ -129,7 +130,7 @@ def test_labels_of_jobs_keep_their_values_whole() -> None:
 def test_a_job_that_changes_its_directory_keeps_its_results_in_one_place(tmp_path: Path) -> None:
     place = "paths.outputs=" + "'" + os.path.relpath(tmp_path / "run%41 #ü?", Path(__file__).parents[2]) + "'"
     process = start("-m", "stage=baseline", "seed=0", place, "hydra.job.chdir=true")
-    _, err = process.communicate(timeout=120)
+    _, err = process.communicate(timeout=PATIENCE)
     assert (process.returncode, err) == (0, "")
     outputs = tmp_path / "run%41 #ü?"
     assert len(list(tmp_path.rglob("manifest.json"))) == 2  # the artifact, and MLflow's copy
