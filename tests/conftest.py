@@ -28,6 +28,17 @@ def listen_to_the_end_of_a_terminal() -> None:
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 
+@pytest.fixture(autouse=True)
+def signals_as_before() -> Iterator[None]:
+    """A job that a test ran in this process leaves no signal unanswered for the next one."""
+    left, handlers = set(interruption._left), {number: signal.getsignal(number) for number in interruption.SIGNALS}
+    yield
+    interruption._left.clear()
+    interruption._left.update(left)
+    for number, handler in handlers.items():
+        signal.signal(number, handler)
+
+
 @pytest.fixture(scope="session")
 def compose_config() -> Iterator[Composer]:
     """Compose the configuration that a command line with these overrides would give."""
