@@ -15,7 +15,7 @@ from romgrl.tracking import syncing
 from romgrl.tracking.sender import Sender
 from romgrl.tracking.store import Store
 from tests.faults.test_journal import journaled
-from tests.faults.test_refusals import Picky, database, outputs, refused, stored  # noqa: F401 - fixtures
+from tests.faults.test_refusals import Picky, refused, stored
 
 AWAY = MlflowException("API request to http://x failed with exception connection refused")
 
