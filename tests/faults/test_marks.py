@@ -21,7 +21,7 @@ AWAY = MlflowException("API request to http://x failed with exception connection
 
 
 def test_a_sync_to_another_place_that_breaks_off_takes_nothing_from_the_first(
-    outputs: Path,  # noqa: F811
+    outputs: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(syncing, "PAUSE_SECONDS", 0.0)
@@ -48,7 +48,7 @@ def test_a_sync_to_another_place_that_breaks_off_takes_nothing_from_the_first(
     assert journals(outputs) == []
 
 
-def test_a_start_that_was_left_does_not_end_its_run_again(outputs: Path) -> None:  # noqa: F811
+def test_a_start_that_was_left_does_not_end_its_run_again(outputs: Path) -> None:
     recorder, written = journaled(outputs)
     recorder.start("job", tags={"stage": "job"}, params={"a": 1}).finish()
     written.close()
