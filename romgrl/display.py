@@ -11,6 +11,8 @@ from contextlib import suppress
 from typing import Any, TextIO
 
 STDERR = 2
+PATIENCE_MILLISECONDS = 10_000  # with a reader that has stopped, as Ctrl-S does
+PIECE_BYTES = 512  # that a pipe takes at once where it says that there is room
 STREAMS = {1: "stdout", STDERR: "stderr"}
 ERRORS = {1: "replace", STDERR: "backslashreplace"}  # what becomes of letters that a terminal does not have
 
@@ -49,6 +51,14 @@ def discard(descriptor: int) -> None:
         os.close(null)
 
 
+def without_waiting(terminal: int) -> int:
+    """The same terminal, opened so that no write waits: one that has room for a little may keep the rest waiting."""
+    try:
+        return os.open(os.ttyname(terminal), os.O_WRONLY | os.O_NONBLOCK | os.O_NOCTTY)
+    except OSError:
+        return terminal
+
+
 def guard(stream: TextIO | None, raw: Guarded) -> TextIO:
     """A text stream that never fails, with the encoding and the buffering of another; None: there was none."""
     if stream is None:
@@ -76,6 +86,7 @@ class Guarded(io.RawIOBase):
         self.name = f"<{STREAMS[descriptor]}>"
         self._reachable = reachable
         self._told = False
+        self._target = without_waiting(descriptor) if self.isatty() else descriptor
 
     def fileno(self) -> int:
         """The descriptor."""
@@ -99,7 +110,7 @@ class Guarded(io.RawIOBase):
             if error.errno == errno.EPIPE:
                 with suppress(OSError):
                     discard(self.descriptor)  # the signal that comes with it would end ffmpeg, which inherits it
-            self.lose(os.strerror(error.errno or errno.EIO))
+            self.lose(error.strerror or os.strerror(errno.EIO))
         return len(data)
 
     def lose(self, reason: str) -> None:
@@ -111,9 +122,11 @@ class Guarded(io.RawIOBase):
         self._told = True
 
     def _write_some(self, data: memoryview) -> int:
-        """Write what fits, once something does; another process may have set the descriptor not to wait."""
-        try:
-            return os.write(self.descriptor, data)
-        except BlockingIOError:
-            select.select([], [self.descriptor], [])
-            return 0
+        """Write a piece that fits, once it does. A reader that stands still is waited for once, and then passed by."""
+        room = select.poll()
+        room.register(self._target, select.POLLOUT)
+        if not room.poll(0 if self._told else PATIENCE_MILLISECONDS):
+            raise TimeoutError(errno.ETIMEDOUT, "nobody reads it")
+        with suppress(BlockingIOError):  # another process may have set the descriptor not to wait
+            return os.write(self._target, data[:PIECE_BYTES])
+        return 0

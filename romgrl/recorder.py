@@ -154,7 +154,8 @@ class Recorder:
         known = self.process.run_ids
         if uid not in known:
             self.process.ask()
-            self.process.wait(lambda: uid in known)
+            unmade = self.process.unmade
+            self.process.wait(lambda: uid in known or uid in unmade)
         return known.get(uid, LOCAL + uid)
 
     def fetch(self, stage: str, key: str, directory: Path) -> bool:

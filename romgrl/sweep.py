@@ -55,11 +55,12 @@ def check_launcher(config: DictConfig) -> None:
 
 
 def plan_launch(config: DictConfig, jobs: int) -> Launch | None:
-    """How a launcher spreads the jobs; None for Hydra's own, which runs one after the other in this process."""
+    """How a launcher spreads the jobs; None where they run in this process, as with joblib and one process."""
     name = str(config.hydra.runtime.choices["hydra/launcher"])
-    if name == "basic":
+    processes = joblib_processes(config.hydra.launcher.get("n_jobs", 1)) if name == "joblib" else 0
+    if name == "basic" or processes == 1:
         return None
-    at_once = {"joblib": joblib_processes(config.hydra.launcher.get("n_jobs", 1)), "submitit_local": jobs}.get(name, 1)
+    at_once = {"joblib": processes, "submitit_local": jobs}.get(name, 1)
     parsed = OverridesParser.create().parse_overrides([*stored_sweep(config), *config.hydra.overrides.task])
     varied = [override.get_key_element() for override in parsed if override.is_sweep_override()]
     return Launch(name, str(config.hydra.sweep.dir), max(1, min(at_once, jobs)), varied)

@@ -22,6 +22,7 @@ from romgrl.addresses import sqlite_path
 
 BLOCKED_SECONDS = 4.5  # that one job waits in all for a store that does not answer; with all else, 5 at most
 ANSWER_SECONDS = 1.0  # a store that answers within this time works, and waiting for it does not count
+LONGEST_SECONDS = 120.0  # of one wait for a process that is at work, but does not say what is waited for
 FETCH_SECONDS = 600.0  # that the download of one artifact may take
 START_SECONDS = 60.0  # that the process may need to start, which is not the store's fault
 TICK_SECONDS = 0.1
@@ -42,6 +43,7 @@ class TrackingProcess:
     ) -> None:
         self._fetched: dict[str, str] = {}
         self.run_ids: dict[str, str] = {}  # MLflow's, by local id
+        self.unmade: set[str] = set()  # local ids of runs that the store does not take
         self.experiment_id: str | None = None
         self.texts: list[str] = []
         self.failure: str | None = None
@@ -87,11 +89,13 @@ class TrackingProcess:
     def wait(self, known: Callable[[], bool], *, last: bool = False) -> bool:
         """Wait until something is known; not while the store is away, unless for a `last` try."""
         with self._changed:
-            since = time.monotonic()  # then the wait began, or something was heard
+            begin = since = time.monotonic()  # `since`: the wait began, or something was heard
             while self.alive and not known() and (last or self.reason is None) and self.waited < BLOCKED_SECONDS:
                 self._changed.wait(TICK_SECONDS)
                 now = time.monotonic()
-                if self._starting(now):
+                if not last and now - begin >= LONGEST_SECONDS:
+                    self._fail(f"at work for {now - begin:.0f} s without an answer")
+                elif self._starting(now):
                     since = now
                 elif self._heard > since:
                     silence, since = self._heard - since, self._heard
@@ -160,6 +164,8 @@ class TrackingProcess:
             (self.experiment_id,) = values
         elif kind in ("answered", "run"):
             self.reason = None
+        elif kind == "unmade":
+            self.unmade.update(values)
         elif kind == "fetched":
             self._fetched[values[0]] = values[1]
         if kind == "run":

@@ -142,6 +142,9 @@ class Live:
             self.link.say("run", uid, self.known[uid])
             if SYSTEM_METRICS in self._own.starts[uid]["tags"]:
                 self.store.watch_machine(self.known[uid])
+        for uid in self._own.unmade - self._told:
+            self._told.add(uid)
+            self.link.say("unmade", uid)
         if ended:
             return not self._own.end()
         return moved or self.send_older()

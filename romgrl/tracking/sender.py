@@ -89,6 +89,11 @@ class Sender:
             self.outbox.delete()
         return True
 
+    @property
+    def unmade(self) -> set[str]:
+        """Local ids of the runs that the store does not take: their job need not wait for them."""
+        return set(self._unmade)
+
     def name_sent(self) -> None:
         """Learn MLflow's ids of runs that another process has sent: their job waits for them."""
         for uid in self.starts.keys() - self.known.keys():

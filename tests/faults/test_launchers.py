@@ -105,7 +105,8 @@ def test_jobs_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
         launch = sweep.plan_launch(sweep_config(*f"hydra/launcher={launcher}".split()), jobs)
         assert launch is not None
         assert launch.at_once == expected, launcher
-    assert sweep.plan_launch(sweep_config(), 5) is None
+    for launcher in ([], ["hydra/launcher=joblib", "hydra.launcher.n_jobs=1"]):
+        assert sweep.plan_launch(sweep_config(*launcher), 5) is None
     assert cores.available_cores() == 8
     monkeypatch.setenv("SLURM_CPUS_PER_TASK", "3")
     assert cores.available_cores() == 3
@@ -156,6 +157,18 @@ def test_a_signal_to_the_sweep_ends_its_jobs_in_good_order(tmp_path: Path, numbe
     assert calls(tmp_path) == 2
     assert len(list(tmp_path.glob("artifacts/baseline/*.partial/half.npz"))) == 2
     assert jobs(tmp_path) == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_ends_a_sweep_of_one_process(tmp_path: Path, number: signal.Signals) -> None:
+    """Its jobs run in the process of the sweep, which answers for them."""
+    job = begin(tmp_path, "joblib", "hydra.launcher.n_jobs=1", "stage=baseline", "speed=1,2", FAKE_SECONDS=LONG)
+    wait_until(lambda: calls(tmp_path) == 1)
+    job.send_signal(number)
+    code, _, _ = end(job)
+    assert code == 128 + number
+    assert calls(tmp_path) == 1
 
 
 @pytest.mark.slow

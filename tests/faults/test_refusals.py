@@ -14,7 +14,7 @@ import requests
 from mlflow.exceptions import MlflowException, RestException
 
 from romgrl.journal import Outbox, journal_directory, journals
-from romgrl.recorder import default_uri
+from romgrl.recorder import Recorder, default_uri
 from romgrl.tracking.failures import ExperimentError, explained
 from romgrl.tracking.fetching import find
 from romgrl.tracking.files import FILES_TAG
@@ -23,6 +23,7 @@ from romgrl.tracking.store import Store
 from romgrl.tracking.syncing import Sync, send_all
 from tests.faults.runs import FILES, differences, stored
 from tests.faults.test_journal import journaled, tell
+from tests.pipeline.conftest import Command
 
 Fault = Callable[[], Exception]
 
@@ -355,3 +356,33 @@ def test_the_line_names_the_remedy(name: str) -> None:
 def test_a_server_that_wants_a_user() -> None:
     error = RestException({"error_code": "UNAUTHENTICATED", "message": "You are not authenticated"})
     assert "MLFLOW_TRACKING_USERNAME" in explained(error, "http://box:5000")
+
+
+def test_a_job_does_not_wait_for_the_id_of_a_run_that_is_never_made(outputs: Path) -> None:
+    told = tell(outputs, "romgrl")
+    store = Picky(outputs, http(413), lambda method, *_, **__: method == "create_run")
+    with closing(Outbox(journals(outputs)[0])) as outbox:
+        sender = Sender(outbox, store, {})
+        while sender.step():
+            pass
+        assert sender.unmade == set(sender.starts)
+    assert told.directory.is_dir()
+
+
+def test_a_job_does_not_wait_for_ever_for_a_process_that_is_at_work(
+    outputs: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("romgrl.tracking_process.LONGEST_SECONDS", 0.5)
+    recorder = Recorder(default_uri(outputs), "romgrl", outputs)
+    assert recorder.process is not None
+    assert not recorder.process.wait(lambda: False)
+    assert recorder.process.reason is not None
+    assert "without an answer" in recorder.process.reason
+    recorder.close()
+
+
+def test_a_store_that_makes_no_run_ends_no_job(command: Command) -> None:
+    """A store without workspaces, which the environment asks for, answers and refuses every run."""
+    ended = command("stage=teacher", MLFLOW_ENABLE_WORKSPACES="true")
+    assert ended.returncode == 0
+    assert "mlflow run: local:" in ended.stdout

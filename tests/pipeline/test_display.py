@@ -7,6 +7,7 @@ import io
 import os
 import pty
 import re
+import select
 import signal
 import subprocess
 import sys
@@ -209,3 +210,17 @@ def test_a_sweep_without_its_tables_has_an_exit_code(command: Command, tmp_path:
     ended = command("-m", *TEACHER, "seed=0,1", f"hydra.sweep.dir={sweep}")
     assert ended.returncode == 5
     assert re.fullmatch(r"sweep: no tables and figures: .*results.*\n", ended.stderr)
+
+
+@pytest.mark.parametrize("kind", ["pipe", "terminal"])
+def test_a_reader_that_stands_still_is_passed_by(monkeypatch: pytest.MonkeyPatch, kind: str) -> None:
+    """As with Ctrl-S: neither a signal nor the work waits for it; once it reads again, it sees what comes then."""
+    reading, writing = os.pipe() if kind == "pipe" else pty.openpty()
+    monkeypatch.setattr(display, "STREAMS", {writing: "stdout", 2: "stderr"})
+    monkeypatch.setattr(display, "PATIENCE_MILLISECONDS", 1)
+    stream = Guarded(writing)
+    assert stream.write(b"x" * 1_000_000) == 1_000_000
+    while select.select([reading], [], [], 0.1)[0]:
+        os.read(reading, 65536)
+    stream.write(b"again")
+    assert os.read(reading, 5) == b"again"
