@@ -27,12 +27,12 @@ failed = echo "make: $(1) failed: $(2); then run the same command again" >&2; ex
 .PHONY: help install run test test-slow test-faults test-sanitizers test-browser bench peers preview lint format types docs pretrained clean
 
 help: ## list the targets
-	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
+	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 18
 
 install: $(PACKAGE) ## make the virtual environment and build the package into it
 
 run: $(PACKAGE) ## train teacher, student and baseline, and compare them (options: ARGS="speed=3 seed=1")
-	$(BIN)/python -m romgrl experiment=quickstart $(ARGS)
+	$(BIN)/python -m romgrl $(ARGS)
 
 test: $(PACKAGE) ## run the tests, a little of each slow suite among them (under 8 minutes on two cores)
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadgroup $(ARGS)
@@ -103,7 +103,7 @@ $(BIN)/python:
 
 $(PACKAGE): $(BIN)/python pyproject.toml constraints.txt $(wildcard cpp/*)
 	@echo "3/4 Libraries of constraints.txt (MuJoCo, torch, MLflow ...; a minute or more)"
-	@$(BIN)/python .ci/requirements.py dev | $(BIN)/python -m pip install --quiet --requirement /dev/stdin || \
+	@$(BIN)/python .ci/requirements.py dev | $(BIN)/python -m pip install --quiet --use-pep517 --requirement /dev/stdin || \
 		{ $(call failed,the installation of the libraries,see what pip says above; a proxy is named in HTTPS_PROXY and a mirror in PIP_INDEX_URL); }
 	@echo "4/4 romgrl itself: compiles its C++ (half a minute)"
 	@$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable . || \

@@ -1,48 +1,15 @@
 """Command line: python -m romgrl [key=value ...], or romgrl after installation."""
 
-from __future__ import annotations
-
-import sys
-
-import hydra
-from hydra.core.hydra_config import HydraConfig
-from omegaconf import DictConfig
-
-from romgrl.command_line import checked, refuse
-from romgrl.composition import COMPOSITION_ERRORS, CONF, to_config
-from romgrl.display import protect
-from romgrl.endings import exit_code_of
-from romgrl.errors import ConfigurationError, RomgrlError
-from romgrl.usage import usage
-
-failures: list[RomgrlError] = []
-
-
-@hydra.main(version_base="1.3", config_path=str(CONF), config_name="config")
-def job(composed: DictConfig) -> None:
-    """Run one job, named by its overrides; a failure is told at once, and the other jobs of a sweep go on."""
-    from romgrl.launch import run_job
-
-    try:
-        run_job(to_config(composed), HydraConfig.get().overrides.task)
-    except RomgrlError as error:
-        print(error, file=sys.stderr)
-        failures.append(error)
+import signal
 
 
 def main() -> None:
-    """Run, and turn what can go wrong into one line per fault and an exit code."""
-    protect()
-    if {"-h", "--help"} & set(sys.argv):
-        return print(usage(CONF))
-    try:
-        sys.argv[1:] = checked(sys.argv[1:])
-        job()
-    except (ConfigurationError, *COMPOSITION_ERRORS) as error:
-        sys.exit(refuse(error))
-    except (KeyboardInterrupt, RuntimeError, RomgrlError) as error:
-        sys.exit(exit_code_of(error))
-    sys.exit(failures[0].exit_code if failures else 0)
+    """Run. Until all is imported, which takes a moment, Ctrl-C ends the process without a word."""
+    answer = signal.signal(signal.SIGINT, signal.SIG_DFL)
+    from romgrl.command import run
+
+    signal.signal(signal.SIGINT, answer)
+    run()
 
 
 if __name__ == "__main__":

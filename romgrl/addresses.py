@@ -19,10 +19,15 @@ def absolute(text: str) -> str:
         return text
 
 
-def sqlite_address(path: Path, query: str = "") -> str:
+def sqlite_address(path: Path, query: str = "", start: str = SQLITE) -> str:
     """The address of an SQLite database, with quotes for what SQLAlchemy reads as something else."""
     name = re.sub(r"[%?]", lambda sign: quote(sign[0]), str(path))
-    return f"{SQLITE}{name}{query and '?'}{query}"
+    return f"{start}{name}{query and '?'}{query}"
+
+
+def with_driver(address: str) -> str:
+    """The address as MLflow opens it: of a plain one it makes the directory as it is written, quotes and all."""
+    return address.replace(SQLITE, "sqlite+pysqlite:///", 1) if "%" in address else address
 
 
 def sqlite_path(address: str) -> Path | None:
@@ -34,9 +39,10 @@ def sqlite_path(address: str) -> Path | None:
 
 def absolute_address(address: str) -> str:
     """The address of a database whose file is named from the root; other addresses stay what they are."""
-    if not address.startswith(SQLITE) or (path := sqlite_path(address)) is None or path == Path():
+    start, path = f"{address.partition(':')[0]}:///", sqlite_path(address)
+    if path in (None, Path()) or not address.startswith(start):
         return address
-    return sqlite_address(Path(absolute(str(path))), urlsplit(address, allow_fragments=False).query)
+    return sqlite_address(Path(absolute(str(path))), urlsplit(address, allow_fragments=False).query, start)
 
 
 def in_quotes(value: str) -> str:

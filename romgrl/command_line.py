@@ -192,16 +192,18 @@ def composed_faults(overrides: Sequence[Override], loader: Loader, *, multirun: 
         rest = [override for override in overrides if not bad[override.key_or_group]]
         told = [line for found in bad.values() for line in found]
         return [*told, *(composed_faults(rest, loader, multirun=multirun) if told else lines)]
+    if multirun and composed.hydra.mode == RunMode.RUN:
+        return [refusal("hydra.mode", "RUN", "MULTIRUN, or nothing, with -m")]
     if not multirun and composed.hydra.mode != RunMode.MULTIRUN:
         lines = [sweep_without_flag(sweep) for sweep in sweeps]
-        return [*lines, *problems(composed)]
+        return [*lines, *problems(composed, loader.where)]
     parameters = stored_sweep(composed)
     lines = [line for text in parameters for line in parameter_faults(text, loader)]
     if lines:
-        return [*lines, *problems(composed)]
+        return [*lines, *problems(composed, loader.where)]
     for job in loader.jobs([*parameters, *(override.input_line or "" for override in overrides)]):
         composed, failures = loader.compose(job)
-        lines += failures if composed is None else problems(composed)
+        lines += failures if composed is None else problems(composed, loader.where)
     return lines
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import fields
 from functools import cache
 from pathlib import Path
@@ -18,6 +18,7 @@ from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
 from romgrl import draws
 from romgrl.config import MISSING, Config
 from romgrl.errors import ConfigurationError
+from romgrl.hydra_settings import hydra_faults
 from romgrl.misfits import misfits
 from romgrl.targets import guard
 from romgrl.validation import (
@@ -70,6 +71,11 @@ def compose_config(*overrides: str) -> Config:
         return to_config(compose("config", overrides=list(overrides)))
 
 
+def nowhere(key: str) -> str:
+    """Say nothing about the place of a key."""
+    return ""
+
+
 def to_config(composed: Any) -> Config:
     """Turn what Hydra composed into the typed configuration. Raises ConfigurationError for what is no such thing."""
     config, bad = read(composed)
@@ -78,16 +84,16 @@ def to_config(composed: Any) -> Config:
     return config
 
 
-def problems(composed: DictConfig) -> list[str]:
-    """One line for everything that is wrong with what Hydra composed."""
-    config, bad = read(composed)
-    return [*(line for line in bad.values() if line), *misfits(config, bad)]
+def problems(composed: DictConfig, where: Callable[[str], str] = nowhere) -> list[str]:
+    """One line for everything that is wrong with what Hydra composed; `where`: " in FILE" for a key of a file."""
+    config, bad = read(composed, where)
+    return [*(line for line in bad.values() if line), *misfits(config, bad), *hydra_faults(composed)]
 
 
-def read(composed: DictConfig) -> tuple[Config, dict[str, str]]:
+def read(composed: DictConfig, where: Callable[[str], str] = nowhere) -> tuple[Config, dict[str, str]]:
     """The configuration, and by key what is wrong with it: values that are bad are missing in the configuration."""
     keys = schema_keys()
-    bad = {name: unknown_key(name) for name in added_keys(composed)}
+    bad = {name: unknown_key(name, where(name)) for name in added_keys(composed)}
     bad |= broken_groups(composed)
     values: dict[str, Any] = {}
     for key, entry in keys.items():
@@ -173,6 +179,8 @@ def first_line(error: Exception) -> str:
     key = getattr(cause, "full_key", None)
     lines = [" ".join(line.split()) for line in str(cause).splitlines() if line.strip()] or [type(cause).__name__]
     text = " ".join(lines[: 2 if lines[0].endswith(":") else 1])
+    if key and text.endswith("is not Optional"):
+        return refusal(str(key), None, "a value, as the key has it in conf/")
     return f"{key}: {text}" if key and key not in text else text
 
 

@@ -25,7 +25,7 @@ from romgrl.artifacts import (
 )
 from romgrl.config import Config
 from romgrl.errors import ArtifactError, RomgrlError
-from romgrl.keys import STAGES, stage_config, stage_function, stage_key, stage_settings
+from romgrl.keys import STAGES, require_same_body, stage_config, stage_function, stage_key, stage_settings
 from romgrl.locks import exclusive, lock_path, waited_for
 from romgrl.progress import TerminalLog, format_duration
 from romgrl.provenance import git_state, versions
@@ -174,6 +174,7 @@ class Job:
                 runner(stage_function(stage, self.config), config, inputs, workspace.partial, log)
             wall_time = workspace.seconds + time.monotonic() - start
             workspace.clear_checkpoint()
+            require_same_body(self.config)
             revision, dirty = git_state()
             manifest = write_manifest(
                 workspace.partial,

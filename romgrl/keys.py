@@ -10,6 +10,7 @@ from functools import lru_cache
 from typing import Any
 
 from romgrl.config import Config, Humanoid
+from romgrl.errors import ArtifactError
 from romgrl.pretrained import GROUPS, is_pretrained, shipped
 from romgrl.provenance import computing_versions
 from romgrl.sources import source_digest
@@ -132,6 +133,13 @@ def body_digests(humanoid: str) -> tuple[str, str, str]:
     sizes = model.dimensions(body)
     text = f"{sizes.mass:.9g} kg, leg {sizes.leg_length:.9g} m, ankle {sizes.ankle_height:.9g} m"
     return text, digest.physics_digest(body), digest.full_digest(body)
+
+
+def require_same_body(config: Config) -> None:
+    """Raise ArtifactError where the model file is not what it was when the keys of the job were made."""
+    humanoid = json.dumps(asdict(config.humanoid))
+    if config.humanoid.xml is not None and body_digests.__wrapped__(humanoid) != body_digests(humanoid):
+        raise ArtifactError(f"{config.humanoid.xml}: the model changed while the job ran; the same command starts anew")
 
 
 def pretrained_settings(stage: str) -> dict[str, Any]:

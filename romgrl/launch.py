@@ -22,6 +22,7 @@ from romgrl.config import Config
 from romgrl.cores import available_cores
 from romgrl.display import protect
 from romgrl.errors import LaunchError, RomgrlError
+from romgrl.progress import WIDEST_TABLE
 from romgrl.results.sweeps import JobEnd, note_end, position
 
 PARENT_VARIABLE = "ROMGRL_PARENT_RUN"
@@ -126,7 +127,7 @@ def run_job(config: Config, overrides: Sequence[str]) -> None:
         run_noted(own, lambda: pipeline.run(config, overrides=own, parent=parent, place=place))
         return
     label = launch.label(own)
-    console = Console(file=Labelled(sys.stdout, label), width=160, force_terminal=False)
+    console = Console(file=Labelled(sys.stdout, label), width=WIDEST_TABLE, force_terminal=False)
     shared = replace(config, threads=config.threads or max(1, available_cores() // launch.at_once))
     run = partial(pipeline.run, shared, overrides=own, parent=parent, place=place, console=console)
     try:

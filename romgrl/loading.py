@@ -23,7 +23,7 @@ from yaml.error import MarkedYAMLError
 
 from romgrl.composition import COMPOSITION_ERRORS, CONF, first_line
 from romgrl.targets import GuardedLoader
-from romgrl.typed_text import quoted
+from romgrl.typed_text import holds, quoted
 from romgrl.validation import nearest, one_line, refusal, schema_groups, schema_keys
 
 FILE_ERRORS = (YAMLError, UnicodeError, OSError)
@@ -96,12 +96,26 @@ class Loader:
         key = group or ("--config-name" if choice == self.name else "defaults")
         return [refusal(key, choice, (", ".join(choices) or "a file that exists") + nearest(choice, choices))]
 
+    def where(self, key: str) -> str:
+        """Name the file of the user's directories that has a key, as `in FILE`; nothing where none has it."""
+        for source, path in self.files():
+            group = path.parent.relative_to(source).parts
+            parts, text = tuple(key.split(".")), path.read_text(encoding="utf-8", errors="replace")
+            # a preset's keys start at the root, a choice's in its group
+            if any(parts[: len(start)] == start and holds(text, parts[len(start) :]) for start in ((), group)):
+                return f" in {path}"
+        return ""
+
     def unreadable_files(self) -> Iterator[str]:
         """Yield a line for every file of a user's directories that is not YAML."""
+        for _, path in self.files():
+            yield from unreadable(path)
+
+    def files(self) -> Iterator[tuple[Path, Path]]:
+        """Yield every YAML file of the user's directories, behind its directory."""
         for source in self._loader.get_sources():
             if source.scheme() == "file" and Path(source.path) != CONF:
-                for path in sorted(Path(source.path).rglob("*.yaml")):
-                    yield from unreadable(path)
+                yield from ((Path(source.path), path) for path in sorted(Path(source.path).rglob("*.yaml")))
 
 
 def sweep_jobs(overrides: Sequence[str], loader: ConfigLoader) -> list[list[str]]:

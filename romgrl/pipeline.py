@@ -19,14 +19,13 @@ from romgrl.journal import redacted
 from romgrl.keys import STAGES, body_digests, plan, share_threads
 from romgrl.misfits import validate
 from romgrl.pretrained import require_shipped
-from romgrl.progress import make_bars, make_console
+from romgrl.progress import WIDEST_TABLE, make_bars, make_console
 from romgrl.recorder import SYSTEM_METRICS, jobs_address, open_recorder, sync, ui_command
 from romgrl.summary import HEADLINE, TRAINING_MINUTES, headline, result_metrics, result_tables, robustness_metrics
 from romgrl.titles import job_note, job_title
 from romgrl.watching import watch
 from romgrl.worker import Worker, execute
 
-WIDEST_TABLE = 150  # columns; wider than many terminals, so that no verdict is cut off
 WORKERS = 2  # the graph has no three stages that do not need each other
 LOOK_SECONDS = 0.1  # between two looks at whether a signal has come
 

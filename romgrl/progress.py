@@ -15,6 +15,7 @@ from typing import Protocol
 from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TaskID, TextColumn, TimeRemainingColumn
 
+WIDEST_TABLE = 160  # columns; wider than many terminals, so that no verdict is cut off
 PLAIN_INTERVAL = 30.0  # seconds between progress lines where there is no terminal
 
 MetricSink = Callable[[Mapping[str, float], int], None]
@@ -95,7 +96,9 @@ def write_rows(path: Path, rows: Iterable[Sequence[str]]) -> None:
 def make_console() -> Console:
     """The console of a job. No bar, colour or other control character goes to a file or a pipe, whatever CI sets."""
     interactive = sys.stdout.isatty() and os.environ.get("TERM") != "dumb"
-    return Console(force_terminal=None if interactive else False)
+    console = Console(force_terminal=None if interactive else False)
+    console.width = max(console.width, 0 if interactive else WIDEST_TABLE)
+    return console
 
 
 def make_bars(console: Console) -> Progress:

@@ -8,6 +8,7 @@ import subprocess
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from threading import Event
 
 import romgrl
 
@@ -16,7 +17,7 @@ GIT_SECONDS = 10.0  # that git may take; one that took longer is not asked again
 OTHER_REPOSITORY = ("GIT_DIR", "GIT_WORK_TREE", "GIT_INDEX_FILE", "GIT_COMMON_DIR", "GIT_OBJECT_DIRECTORY")
 LIBRARIES = ("torch", "numpy", "mujoco", "gymnasium", "safetensors")
 
-_hung: list[subprocess.TimeoutExpired] = []
+git_hung = Event()
 
 
 def versions() -> dict[str, str]:
@@ -57,13 +58,15 @@ def processor() -> str:
 def git_state() -> tuple[str | None, bool | None]:
     """Revision and whether files differ from it; (None, None) outside a checkout of this project."""
     root = root_of_sources()
-    if _hung or not (root / ".git").exists():
+    if git_hung.is_set() or not (root / ".git").exists():
         return None, None
     try:
         revision = _git(root, "rev-parse", "HEAD")
         return revision, bool(_git(root, "status", "--porcelain"))
-    except (OSError, ValueError, subprocess.SubprocessError) as error:
-        _hung.extend([error] if isinstance(error, subprocess.TimeoutExpired) else [])
+    except subprocess.TimeoutExpired:
+        git_hung.set()
+        return None, None
+    except (OSError, ValueError, subprocess.SubprocessError):
         return None, None
 
 

@@ -18,7 +18,9 @@ def settle(environment: MutableMapping[str, str] = os.environ) -> None:
     """Keep out what would stop a command and says nothing about it: warnings as errors, windows, proxies to itself."""
     if "error" in environment.get("PYTHONWARNINGS", ""):
         del environment["PYTHONWARNINGS"]  # a library that warns would end the work
-        warnings.simplefilter("default")
+        kept = [each for each in warnings.filters if each[0] != "error"]
+        warnings.resetwarnings()
+        warnings.filters[:] = kept  # type: ignore[index]  # a list, and the rest of them hides as before
     environment["MPLBACKEND"] = "agg"  # figures are files; an unknown name would end the import of Matplotlib
     names = {name.lower() for name, value in environment.items() if value}
     if names & {"http_proxy", "https_proxy", "all_proxy"}:

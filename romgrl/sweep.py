@@ -12,6 +12,7 @@ from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
 from shutil import which
+from tempfile import mkdtemp
 from types import FrameType
 from typing import Any
 
@@ -22,16 +23,16 @@ from hydra.experimental.callback import Callback
 from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 
-from romgrl.artifacts import require_right, storage_faults
+from romgrl.artifacts import may_write, require_right, storage_faults
 from romgrl.cores import available_cores
-from romgrl.errors import ConfigurationError, RomgrlError, StorageError
+from romgrl.errors import ConfigurationError, LaunchError, RomgrlError, StorageError
 from romgrl.interruption import SIGNALS
 from romgrl.journal import redacted
 from romgrl.launch import LAUNCH_VARIABLE, PARENT_VARIABLE, SHARES_TERMINAL, Launch
 from romgrl.loading import stored_sweep, sweep_jobs
 from romgrl.provenance import machine
 from romgrl.recorder import open_recorder
-from romgrl.results.sweeps import SWEEP_VARIABLE, read_sweep, settings, write_sweep
+from romgrl.results.sweeps import SWEEP_VARIABLE, UNFINISHED, read_sweep, settings, write_sweep
 from romgrl.sweep_directory import claim
 
 GROUPS = ("teacher", "student")
@@ -48,8 +49,8 @@ def check_launcher(config: DictConfig) -> None:
     except ModuleNotFoundError:
         installed = False
     if not installed:
-        extra = str(name).partition("_")[0]
-        raise ConfigurationError(f"hydra/launcher={name}: is not installed; pip install 'romgrl[{extra}]'")
+        library = f"hydra-{str(name).partition('_')[0]}-launcher"
+        raise ConfigurationError(f"hydra/launcher={name}: is not installed; pip install {library}")
     if name == "submitit_slurm" and not (which("sbatch") and which("srun")):
         raise ConfigurationError(f"hydra/launcher={name}: there is no sbatch and srun of Slurm on this machine")
 
@@ -96,12 +97,17 @@ class SweepCallback(Callback):
     def on_multirun_start(self, config: DictConfig, **kwargs: Any) -> None:
         """Start the parent run."""
         check_launcher(config)
+        trains = config.stage not in NO_RESULTS
         place = Path(str(config.hydra.sweep.dir)).absolute()
-        require_right(place, "the tables of the sweep are to be made", key="hydra.sweep.dir")
+        if trains or may_write(place):
+            require_right(place, "the tables of the sweep are to be made", key="hydra.sweep.dir")
+        else:
+            config.hydra.sweep.dir = mkdtemp(prefix="romgrl-")  # for Hydra, which writes what it was asked for
         self._directory, self._lock = claim(config)
         tracking = config.tracking
         outputs = Path(str(config.paths.outputs)).resolve()
-        self._recorder = open_recorder(tracking.uri, str(tracking.experiment), outputs, enabled=tracking.enabled)
+        tracked = tracking.enabled and trains
+        self._recorder = open_recorder(tracking.uri, str(tracking.experiment), outputs, enabled=tracked)
         overrides = [*config.hydra.overrides.task]
         stored = str(config.hydra.job.config_name)
         chosen = [text for text in overrides if settings([text])]
@@ -111,11 +117,11 @@ class SweepCallback(Callback):
         jobs = len(planned)
         self._run = self._recorder.start(name, tags={"stage": "sweep"}, params={"jobs": jobs})
         self._outputs = outputs
-        if config.stage not in NO_RESULTS:
+        if trains:
             with storage_faults(self._directory):
                 note_sweep(self._directory, str(config.hydra.job.config_name), planned, loader)
         atexit.register(self._end, "KILLED")
-        os.environ[PARENT_VARIABLE] = self._run.local_id if tracking.enabled else ""
+        os.environ[PARENT_VARIABLE] = self._run.local_id if tracked else ""
         self._launch, self._signals = plan_launch(config, jobs), Signals()
         if self._launch is not None:
             self._announce(self._launch, jobs)
@@ -137,7 +143,7 @@ class SweepCallback(Callback):
         wanted = os.environ.pop(SWEEP_VARIABLE, None) is not None and self._signals.first is None
         status = "FAILED"
         try:
-            unjoined = self._join() if wanted else []
+            unjoined = [*self._join(), *self._unended()] if wanted else []
             codes += unjoined
             status = "KILLED" if self._signals.first is not None else "FAILED" if unjoined else "FINISHED"
         except KeyboardInterrupt:
@@ -165,6 +171,14 @@ class SweepCallback(Callback):
         self._run.describe((directory / TABLE).read_text(encoding="utf-8"))
         print(f"sweep: tables and figures of all jobs: {directory}", flush=True)
         return []
+
+    def _unended(self) -> list[int]:
+        """An exit code where jobs of the sweep left no word of how they ended."""
+        sweep = read_sweep(self._directory)
+        lost = [job for job in sweep.jobs if sweep.end_of(job).error == UNFINISHED]
+        if lost:
+            print(f"sweep: {len(lost)} of {len(sweep.jobs)} jobs did not end: {' '.join(lost[0])}", file=sys.stderr)
+        return [LaunchError.exit_code] if lost else []
 
     def _end(self, status: str) -> None:
         atexit.unregister(self._end)

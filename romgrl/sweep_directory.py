@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from itertools import count
 from pathlib import Path
 
@@ -45,16 +44,11 @@ def claim(config: DictConfig) -> tuple[Path, FileLock]:
 def made_anew(directory: Path) -> Path:
     """Make a directory that is not there yet, under this name or with a number behind it."""
     directory.parent.mkdir(parents=True, exist_ok=True)
-    for path in names(directory):
+    path, numbers = directory, count(2)
+    while True:
         try:
             path.mkdir()
         except FileExistsError:
-            continue
-        return path
-    raise AssertionError("names do not end")
-
-
-def names(directory: Path) -> Iterator[Path]:
-    """Yield a name, then the same with 2, 3 and so on behind it."""
-    yield directory
-    yield from (directory.with_name(f"{directory.name}_{number}") for number in count(2))
+            path = directory.with_name(f"{directory.name}_{next(numbers)}")
+        else:
+            return path

@@ -9,6 +9,7 @@ from __future__ import annotations
 import copy
 import os
 import re
+import traceback
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -23,7 +24,9 @@ from hydra.types import RunMode
 from omegaconf import DictConfig, ListConfig, OmegaConf
 from omegaconf.errors import InterpolationToMissingValueError, MissingMandatoryValue, OmegaConfBaseException
 
+from romgrl.config import MISSING
 from romgrl.typed_text import quote_stored_sweep, quoted, use_text_source
+from romgrl.validation import one_line
 from romgrl.whole_paths import settle
 
 TARGETS = (
@@ -79,11 +82,22 @@ class GuardedLoader(ConfigLoaderImpl):
         typed = [quoted(text) for text in overrides]
         config = self._copied(config_name, typed) if run_mode == RunMode.RUN else None
         if config is None:
-            config = super().load_configuration(config_name, typed, run_mode, *arguments, **keywords)
+            config = self._composed_anew(config_name, typed, run_mode, *arguments, **keywords)
         check(config)
+        name_preset(config)
         quote_stored_sweep(config)
         settle(config)
         return config
+
+    def _composed_anew(self, *arguments: Any, **keywords: Any) -> DictConfig:
+        try:
+            return super().load_configuration(*arguments, **keywords)
+        except KeyError as error:  # that of a variable, which Hydra lets through
+            *_, (frame, _) = traceback.walk_tb(error.__traceback__)
+            if frame.f_globals.get("__name__") != os.__name__:
+                raise
+            name = one_line(str(error.args[0]))
+            raise HydraException(f"hydra.job.env_copy: {name} is not a variable of the environment") from error
 
     def _copied(self, config_name: str | None, overrides: list[str]) -> DictConfig | None:
         """What the files give, as composed before, with the values of these overrides; None where that is not known."""
@@ -130,6 +144,12 @@ class GuardedLoader(ConfigLoaderImpl):
             if "://" in str(path) and not str(path).startswith("file://"):
                 raise HydraException(f"hydra.searchpath: {path} is not allowed; allowed: file://DIRECTORY")
         super()._process_config_searchpath(config_name, parsed_overrides, repo)
+
+
+def name_preset(config: DictConfig) -> None:
+    """Give a preset that does not say its name that of its file."""
+    if OmegaConf.is_missing(config, "experiment"):
+        config.experiment = config.hydra.runtime.choices.get("experiment") or MISSING
 
 
 def check(config: DictConfig) -> None:

@@ -25,7 +25,7 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf._utils import get_yaml_loader
 
 from romgrl.addresses import in_quotes
-from romgrl.validation import kind_of, schema_groups, schema_keys
+from romgrl.validation import kind_of, one_line, schema_groups, schema_keys
 
 OF_HYDRA = ("run.dir", "sweep.dir", "sweep.subdir", "job.name")
 OF_LAUNCHERS = ("account", "comment", "constraint", "name", "nodelist", "partition", "qos", "submitit_folder")
@@ -36,8 +36,10 @@ OPENING = (OverrideLexer.POPEN, OverrideLexer.BRACKET_OPEN, OverrideLexer.BRACE_
 CLOSING = (OverrideLexer.PCLOSE, OverrideLexer.BRACKET_CLOSE, OverrideLexer.BRACE_CLOSE)
 OF_TEXT = ("choice", "shuffle")  # functions whose arguments are values; those of `range` are numbers
 NULL = "null"  # a value of its own, in this spelling
+MERGE = "tag:yaml.org,2002:merge"
 LOSSY_TAGS = tuple(f"tag:yaml.org,2002:{name}" for name in ("int", "float", "bool"))
 PARAMETERS = ("hydra", "sweeper", "params")
+HEADER_FAULTS = ("Expected header format", "Too many components")  # as Hydra begins to say them
 HEADER = re.compile(r"\s*#\s*@\s*package\b", re.IGNORECASE)
 MARK = "\N{ZERO WIDTH NO-BREAK SPACE}"  # of the byte order, where a file begins
 
@@ -114,8 +116,10 @@ class FileConfigSource(file_config_source.FileConfigSource):
             result = super().load_config(config_path)
         except UnicodeError:
             raise
-        except ValueError as error:  # of the header
-            raise HydraException(f"{path}: {error}; write `# @package NAME` and no more on that line") from error
+        except ValueError as error:
+            of_header = str(error).startswith(HEADER_FAULTS)
+            hint = "; write `# @package NAME` and no more on that line" if of_header else ""
+            raise HydraException(f"{path}: {one_line(str(error))}{hint}") from error
         text = path.read_text(encoding="utf-8")
         if result.header["package"] is None:
             check_header(path, text)
@@ -159,17 +163,35 @@ def put_back(config: DictConfig, package: str, text: str) -> None:
             node[path[-1]] = written
 
 
+def holds(text: str, path: Sequence[str]) -> bool:
+    """Tell whether a file has a key."""
+    node = yaml.compose(text, Loader=get_yaml_loader())
+    for part in path:
+        if not isinstance(node, yaml.MappingNode) or part not in (held := entries(node)):
+            return False
+        node = held[part]
+    return True
+
+
 @lru_cache(maxsize=256)
 def unread(text: str) -> list[tuple[tuple[str, ...], str]]:
     """Where YAML reads a number or a truth value in a file, and how it is written there."""
     return [*plain_scalars(yaml.compose(text, Loader=get_yaml_loader()))]
 
 
+def entries(mapping: yaml.MappingNode) -> dict[str, yaml.Node]:
+    """What a mapping holds: its own entries, and those of the mappings that it merges with `<<`."""
+    merged = [value for key, value in mapping.value if key.tag == MERGE]
+    sources = [source for value in merged for source in (value.value if value.id == "sequence" else [value])]
+    held = {name: node for source in reversed(sources) for name, node in entries(source).items()}
+    own = {key.value: value for key, value in mapping.value if key.id == "scalar" and key.tag != MERGE}
+    return held | own
+
+
 def plain_scalars(node: yaml.Node | None, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], str]]:
     """Path and words of every number and truth value without quotes under a node, lists left out."""
     if isinstance(node, yaml.MappingNode):
-        for key, value in node.value:
-            if isinstance(key, yaml.ScalarNode):
-                yield from plain_scalars(value, (*path, key.value))
+        for key, value in entries(node).items():
+            yield from plain_scalars(value, (*path, key))
     elif isinstance(node, yaml.ScalarNode) and node.style is None and node.tag in LOSSY_TAGS:
         yield path, node.value

@@ -9,8 +9,9 @@ TEXT = """romgrl: a humanoid learns to walk and run from a reduced-order model, 
   python -m romgrl                               the whole pipeline (about 15 minutes)
   python -m romgrl stage=teacher                 one stage, with what it needs
   python -m romgrl -m speed=1,4 eta=0.3,0.5      a sweep; what jobs share is trained once
+  python -m romgrl student=pretrained            walkers that ship, scored and drawn (about a minute)
   python -m romgrl experiment=paper              the paper's budgets (about 12 hours)
-  python -m romgrl --config-dir sweeps --config-name paper    a stored sweep
+  python -m romgrl --config-dir sweeps --config-name paper    a stored sweep (of the source)
 
 Keys:
   stage      all, teacher, reference, student, baseline, evaluation or report; robustness tries the walkers' balance,
@@ -23,10 +24,10 @@ Keys:
 Groups as group=choice, and every key in them as group.key=value:
 {groups}
 
-Options: -m sweep over lists; --cfg job print the configuration instead of running; --hydra-help Hydra's own options.
-docs/configuration.md explains every key with its unit, range and default.
-Exit codes: 0 done, 2 bad configuration, 3 bad or missing artifact, 4 diverged, 5 disk full, read-only or
-broken, 130, 143, 140 and 129 interrupted by SIGINT, SIGTERM, SIGUSR2 and SIGHUP."""
+Options: -m sweeps over lists; --cfg job prints all keys and values; --version; --hydra-help Hydra's own options.
+docs/configuration.md of the source explains every key with its unit, range and default.
+Exit codes: 0 done, 1 a job of a sweep was lost, 2 bad configuration, 3 bad or missing artifact, 4 diverged,
+5 disk full, read-only or broken, 130, 143, 140 and 129 interrupted by SIGINT, SIGTERM, SIGUSR2 and SIGHUP."""
 
 
 def usage(conf: Path) -> str:

@@ -169,8 +169,8 @@ def nearest(name: str, choices: Iterable[str]) -> str:
     return f" (did you mean {close[0]}?)" if close else ""
 
 
-def unknown_key(key: str) -> str:
-    """Write the one line that an unknown key gets, with the nearest known one."""
+def unknown_key(key: str, where: str = "") -> str:
+    """Write the one line that an unknown key gets, with the nearest known one; `where`: " in FILE"."""
     known = [*schema_keys(), *schema_groups()]
     asked = key[:LONGEST].lower()
     group, _, leaf = asked.rpartition(".")
@@ -179,5 +179,5 @@ def unknown_key(key: str) -> str:
     close = [siblings[name] for name in difflib.get_close_matches(leaf, siblings, n=1, cutoff=0.6)]
     close += difflib.get_close_matches(asked, schema_keys(), n=1, cutoff=0.8) if group else []
     close += [anywhere[name] for name in difflib.get_close_matches(leaf, anywhere, n=1, cutoff=0.75)]
-    hint = f"did you mean {close[0]}?" if close else "docs/configuration.md lists all keys"
-    return f"{one_line(key)}: unknown key; {hint}"
+    hint = f"did you mean {close[0]}?" if close else "--cfg job lists all keys"
+    return f"{one_line(key)}{where}: unknown key; {hint}"

@@ -14,7 +14,7 @@ SOURCES = sorted((ROOT / "romgrl").rglob("*.py"))
 LEARNING = {"algorithms", "networks", "buffers", "normalizer", "lanes", "limits"}
 WORLDS = {"rom", "humanoid"}
 WIRING = {"__main__", "command_line", "composition", "loading", "sweep", "config_docs", "targets", "draws"}
-WIRING |= {"sweep_directory", "typed_text", "whole_paths"}
+WIRING |= {"command", "hydra_settings", "sweep_directory", "typed_text", "whole_paths"}
 BELOW_STAGES = (
     LEARNING
     | WORLDS
@@ -40,6 +40,7 @@ ALLOWED = {
         "errors",
         "gait",
         "keys",
+        "pretrained",
         "report",
         "results",
         "summary",
@@ -57,7 +58,7 @@ ALLOWED = {
     "validation": {"config"},
     "misfits": {"config", "errors", "gait", "humanoid", "places", "pretrained", "rom", "validation"},
     "places": {"addresses", "config", "journal", "validation"},
-    "keys": {"config", "humanoid", "pretrained", "provenance", "sources", "validation"},
+    "keys": {"config", "errors", "humanoid", "pretrained", "provenance", "sources", "validation"},
     "pretrained": {
         "artifacts",
         "composition",
@@ -116,12 +117,12 @@ ALLOWED = {
         "workspace",
     },
     "worker": {"artifacts", "config", "display", "errors", "interruption", "progress"},
-    "composition": {"config", "draws", "errors", "misfits", "targets", "validation"},
+    "composition": {"config", "draws", "errors", "hydra_settings", "misfits", "targets", "validation"},
     "draws": set(),
     "loading": {"composition", "targets", "typed_text", "validation"},
     "command_line": {"addresses", "composition", "errors", "loading", "surroundings", "typed_text", "validation"},
-    "targets": {"typed_text", "whole_paths"},
-    "launch": {"config", "cores", "display", "errors", "interruption", "pipeline", "results"},
+    "targets": {"config", "typed_text", "validation", "whole_paths"},
+    "launch": {"config", "cores", "display", "errors", "interruption", "pipeline", "progress", "results"},
     "endings": {"errors"},
     "sweep": {
         "artifacts",
@@ -138,7 +139,9 @@ ALLOWED = {
         "sweep_directory",
     },
     "config_docs": {"composition", "config", "validation"},
-    "__main__": {"command_line", "composition", "display", "endings", "errors", "launch", "usage"},
+    "__main__": {"command"},
+    "command": {"command_line", "composition", "display", "endings", "errors", "launch", "usage"},
+    "hydra_settings": {"places", "validation"},
     "usage": set(),
     "__init__": set(),
     "addresses": set(),

@@ -123,9 +123,10 @@ def report(errors: pd.DataFrame, table: pd.DataFrame, log: StageLog) -> None:
     rows = table.set_index("walker")
     for name in WALKERS:
         row = rows.loc[name]
+        strides = "no strides" if np.isnan(row.stride_frequency_hz) else f"{row.stride_frequency_hz:.2f} strides/s"
         log.message(
             f"{name}: {row.episodes - row.falls:.0f} of {row.episodes:.0f} episodes upright, "
-            f"{row.steady_speed_m_per_s:.2f} m/s, {row.stride_frequency_hz:.2f} strides/s, "
+            f"{row.steady_speed_m_per_s:.2f} m/s, {strides}, "
             f"trunk lean {row.trunk_lean_deg:.0f} degrees"
         )
     average = errors[errors.channel == "average"].set_index("alignment")

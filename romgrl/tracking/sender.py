@@ -18,7 +18,6 @@ from romgrl.tracking.failures import (
     FilesError,
     RefusedError,
     explained,
-    first_line,
     tries_of,
 )
 from romgrl.tracking.files import explain_files, mark_found, mark_missing
@@ -119,7 +118,7 @@ class Sender:
             except (*FAILURES, RefusedError) as error:
                 if not self._is_aside(start, error):
                     raise
-                self._unmade[uid] = first_line(error)
+                self._unmade[uid] = explained(error, self._store.uri)
         return self.known.get(uid) if start is not None else None
 
     def _parent(self, parent: str | None) -> str | None:

@@ -19,7 +19,7 @@ from mlflow import MlflowClient
 from mlflow.entities import Metric, Param, Run, RunTag, ViewType
 from mlflow.exceptions import MlflowException
 
-from romgrl.addresses import sqlite_path
+from romgrl.addresses import sqlite_path, with_driver
 from romgrl.artifacts import lock_mode
 from romgrl.journal import Entry, redacted
 from romgrl.recorder import LOCAL
@@ -195,7 +195,7 @@ class Store:
         """Record the load of this machine, in a thread that ends once the run has or the store is away."""
         from mlflow.system_metrics.system_metrics_monitor import SystemMetricsMonitor
 
-        SystemMetricsMonitor(run_id, tracking_uri=self.uri).start()
+        SystemMetricsMonitor(run_id, tracking_uri=with_driver(self.uri)).start()
 
     def finish(self, experiment: str, run_id: str, entry: Entry) -> None:
         """Close a run, unless it went on after this request; runs that a lost answer made are deleted."""
@@ -226,7 +226,7 @@ def open_client(uri: str, outputs: Path) -> MlflowClient:
         database.touch()  # SQLite would let nobody else write, whatever the umask
         with closing(sqlite3.connect(database)) as store:
             store.execute("PRAGMA journal_mode=WAL")
-        client = MlflowClient(tracking_uri=uri)
+        client = MlflowClient(tracking_uri=with_driver(uri))
         client.get_experiment_by_name("Default")
         return client
 

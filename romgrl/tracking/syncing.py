@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from contextlib import closing
+from functools import partial
 from pathlib import Path
 
 from romgrl.journal import HIDDEN, BusyError, JournalError, Outbox, journal_directory, journals, redacted
@@ -28,7 +29,7 @@ class Sync:
         self._stores: dict[str, Store] = {}
         self._known: dict[str, dict[str, str]] = {}
         self._away: dict[str, str] = {}
-        self._told: dict[str, str] = {}
+        self._told: dict[tuple[str, str], str] = {}  # by topic and store
 
     def run(self) -> None:
         """Send what no other process is sending, and say what was brought and what is left."""
@@ -44,14 +45,14 @@ class Sync:
             if uri not in self._away:
                 store.close()
         where = journal_directory(self.outputs)
-        for topic, text in self._told.items():
+        for (topic, _), text in self._told.items():
             self._say("failure" if topic in LEFT else "text", redacted(text))
         for uri, reason in self._away.items():
             self._say("failure", redacted(f"MLflow at {uri}: {reason}; what is left stays in {where}"))
 
-    def tell(self, topic: str, text: str) -> None:
+    def tell(self, uri: str, topic: str, text: str) -> None:
         """Remember the first thing of a topic that a store answered."""
-        self._told.setdefault(topic, text)
+        self._told.setdefault((topic, uri), text)
 
     def send(self, outbox: Outbox) -> None:
         """Send one journal, unless its store was away before; all of it where it was meant for another place."""
@@ -64,19 +65,19 @@ class Sync:
         elsewhere = redacted(uri) != meant or self.experiment not in (None, outbox.experiment)
         outbox.experiment = self.experiment or outbox.experiment
         outbox.aim(f"{redacted(uri)} {outbox.experiment}" if elsewhere else "")
-        store = self._stores.setdefault(uri, Store(uri, self.outputs, tell=self.tell))
+        store = self._stores.setdefault(uri, Store(uri, self.outputs, tell=partial(self.tell, uri)))
         sender = Sender(outbox, store, self._known.setdefault(uri, {}))
         try:
             send_all(sender, store)
         except ParentError as error:
             self._say("failure", f"{outbox.path.name}: {error}")
         except ExperimentError as error:
-            self._told.setdefault("aside", f"{outbox.path}: {error}")
+            self.tell(uri, "aside", f"{outbox.path}: {error}")
         except (*FAILURES, RefusedError) as error:
             self._away[uri] = explained(error, uri)
         finally:
             for line in report(sender):
-                self._say("text", line)
+                self._say("text", redacted(line))
 
 
 def send_all(sender: Sender, store: Store) -> None:

@@ -149,6 +149,24 @@ SPECIAL = (
     case("-m", "speed=1,,2", says=("speed=1,,2: cannot be read", "<= 10 m/s")),
 )  # fmt: skip
 
+JOBLIB = ("-m", "speed=1,2", "hydra/launcher=joblib")
+OF_HYDRA = (
+    case("-m", "hydra.mode=RUN", says=("hydra.mode: RUN", ALLOWED, "-m")),
+    case("hydra.run.dir=/dev/null/x", says=("hydra.run.dir: /dev/null/x", ALLOWED)),
+    case("-m", "hydra.sweep.dir=null", says=("hydra.sweep.dir: null", ALLOWED)),
+    case("-m", "hydra.sweep.dir=' '", says=("hydra.sweep.dir: ", ALLOWED)),
+    case("hydra.job.env_copy=[ROMGRL_NO_SUCH_NAME]", says=("hydra.job.env_copy: ROMGRL_NO_SUCH_NAME",)),
+    case("-m", "hydra.sweeper.max_batch_size=0", says=("hydra.sweeper.max_batch_size: 0", ALLOWED)),
+    case(*JOBLIB, "hydra.launcher.n_jobs=0", says=("hydra.launcher.n_jobs: 0", ALLOWED)),
+    case(*JOBLIB, "hydra.launcher.n_jobs=null", says=("hydra.launcher.n_jobs: null", ALLOWED)),
+    case(*JOBLIB, "hydra.launcher.batch_size=0", says=("hydra.launcher.batch_size: 0", ALLOWED)),
+    case(*JOBLIB, "hydra.launcher.batch_size=abc", says=("hydra.launcher.batch_size: abc", ALLOWED)),
+    case(*JOBLIB, "hydra.launcher.pre_dispatch=0", says=("hydra.launcher.pre_dispatch: 0", ALLOWED)),
+    case(*JOBLIB, "hydra.launcher.pre_dispatch=xx", says=("hydra.launcher.pre_dispatch: xx", ALLOWED)),
+    case(*JOBLIB, "hydra.launcher.timeout=1", says=("hydra.launcher.timeout: 1", ALLOWED)),
+    case(*JOBLIB, "hydra.launcher.require=sharedmem", says=("hydra.launcher.require: sharedmem", ALLOWED)),
+)  # fmt: skip
+
 FILES = (
     file(HEAD + "speed: [1\n", says=(("mine.yaml:5: is not YAML",),)),
     file(HEAD + "speed: 1\nspeed: 2\n", "eta=7", says=(("eta: 7",), ("mine.yaml:5: ", "duplicate key speed"))),
@@ -178,6 +196,10 @@ FILES = (
     file(HEAD + "hydra: {sweeper: {params: {spede: '1,2', eta: '1,,2'}}}\n", "-m",
          says=(("spede: unknown key",), ("eta=1,,2: cannot be read",))),
     Case(("teacher=mine", "eta=7"), (("eta: 7", ALLOWED), ("mine.yaml:1: is not",)), {"teacher/mine.yaml": "x: ]"}),
+    Case(("teacher=mine", "experiment=mine"),
+         (("rom.stifness in ", "/experiment/mine.yaml: unknown"), ("teacher.gama in ", "/teacher/mine.yaml: unknown")),
+         {"teacher/mine.yaml": "defaults: [running, _self_]\ngama: 1\n",
+          "experiment/mine.yaml": "# @package _global_\nrom: {stifness: 1}\n"}),
 )  # fmt: skip
 
 MISFITS = (

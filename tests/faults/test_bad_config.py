@@ -25,7 +25,7 @@ from romgrl.rom import _core
 from romgrl.rom.parameters import SpringLegParameters, core_parameters
 from romgrl.validation import kind_of, schema_keys, value_of
 from tests.conftest import Composer
-from tests.faults.bad_configs import ALLOWED, FILES, HEAD, MISFITS, SPECIAL, Case, case, from_schema, typos
+from tests.faults.bad_configs import ALLOWED, FILES, HEAD, MISFITS, OF_HYDRA, SPECIAL, Case, case, from_schema, typos
 from tests.limits import PATIENCE
 from tests.pipeline.conftest import ROOT
 
@@ -38,7 +38,7 @@ Program = Callable[[list[str]], Outcome]
 def bad_cases() -> list[Case]:
     """Every key of the schema, misspelt keys, special forms, files, and what does not fit together."""
     misfits = [case(*text.split(), says=(f"{key}: ", ALLOWED)) for key, text in MISFITS]
-    return [*from_schema(SEED), *typos(SEED, TYPOS), *SPECIAL, *FILES, *misfits]
+    return [*from_schema(SEED), *typos(SEED, TYPOS), *SPECIAL, *OF_HYDRA, *FILES, *misfits]
 
 
 def arguments_of(one: Case, number: int, files: Path) -> list[str]:
@@ -80,6 +80,13 @@ def in_process(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.C
         return (int(end.value.code or 0), *capsys.readouterr())
 
     return run
+
+
+def test_settings_of_hydra_are_told(in_process: Program, tmp_path: Path) -> None:
+    cases = [*OF_HYDRA, FILES[-1]]
+    outcomes = [in_process(arguments_of(one, number, tmp_path)) for number, one in enumerate(cases)]
+    short = map(shortcoming, cases, outcomes)
+    assert not [text for text in short if text]
 
 
 @pytest.mark.slow

@@ -72,8 +72,8 @@ def test_a_launcher_passes_the_check_of_what_hydra_makes(tmp_path: Path) -> None
 
 def test_missing_extras_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
     lines = {
-        "joblib": "hydra/launcher=joblib: is not installed; pip install 'romgrl[joblib]'",
-        "submitit_local": "hydra/launcher=submitit_local: is not installed; pip install 'romgrl[submitit]'",
+        "joblib": "hydra/launcher=joblib: is not installed; pip install hydra-joblib-launcher",
+        "submitit_local": "hydra/launcher=submitit_local: is not installed; pip install hydra-submitit-launcher",
     }
     for launcher, line in lines.items():
         config = sweep_config(f"hydra/launcher={launcher}")

@@ -77,6 +77,15 @@ def test_finished_results_of_another_are_read(fakes: None, smoke_config: Config,
     assert trainings(outputs) == made
 
 
+def test_a_sweep_that_only_reads_needs_no_right_to_write(reader: Reader, tmp_path: Path) -> None:
+    (tmp_path / "outputs" / "artifacts").mkdir(parents=True)
+    told = reader("-m", "stage=verify", "speed=1,2")
+    assert told.returncode == 3
+    assert [line.partition(";")[0] for line in told.stderr.splitlines()] == [
+        f"{tmp_path}/outputs: no finished evaluation of this configuration"
+    ] * 2
+
+
 def refusal(place: str, why: str) -> str:
     """The line of a place that belongs to the user of the tests."""
     user = rights.name_of(os.geteuid())

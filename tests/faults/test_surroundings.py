@@ -7,6 +7,7 @@ import subprocess
 import sys
 import warnings
 from pathlib import Path
+from threading import Event
 
 import pytest
 
@@ -101,9 +102,12 @@ def test_a_job_runs_whatever_the_environment_says(command: Command) -> None:
 def test_what_was_set_for_other_programs_is_left_out() -> None:
     environment = {"PYTHONWARNINGS": "error", "HTTPS_PROXY": "http://proxy:3128", "NO_PROXY": "inside,localhost"}
     with warnings.catch_warnings(record=True) as told:
-        warnings.simplefilter("error")
+        warnings.resetwarnings()  # Python's own filters, and before them that of the environment
+        warnings.simplefilter("ignore", DeprecationWarning)
+        warnings.simplefilter("error", append=False)
         surroundings.settle(environment)
         warnings.warn("a library changes", FutureWarning, stacklevel=1)
+        warnings.warn("of a library to itself", DeprecationWarning, stacklevel=1)
     assert len(told) == 1
     assert environment["no_proxy"] == environment["NO_PROXY"] == "inside,localhost,127.0.0.1,::1"
     assert "PYTHONWARNINGS" not in environment
@@ -171,7 +175,7 @@ def helper(directory: Path, name: str, script: str) -> Path:
 
 
 def test_a_git_that_does_not_work_costs_the_revision_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(provenance, "_hung", [])
+    monkeypatch.setattr(provenance, "git_hung", Event())
     monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
     monkeypatch.setattr(provenance, "root_of_sources", lambda: tmp_path)
     (tmp_path / ".git").mkdir()
@@ -189,7 +193,7 @@ def test_a_git_that_does_not_work_costs_the_revision_alone(tmp_path: Path, monke
         patched.setattr(provenance.subprocess, "run", hang)
         assert provenance.git_state() == provenance.git_state() == (None, None)
     assert len(asked) == 1  # not once per stage
-    monkeypatch.setattr(provenance, "_hung", [])
+    monkeypatch.setattr(provenance, "git_hung", Event())
     (tmp_path / "git").unlink()
     monkeypatch.setenv("PATH", "")
     assert provenance.git_state() == (None, None)

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from romgrl.config import Config
+from romgrl.errors import ArtifactError
 from romgrl.humanoid.digest import stable
 from romgrl.humanoid.human import human_spec
-from romgrl.keys import STAGES, stage_key
+from romgrl.keys import STAGES, body_digests, require_same_body, stage_key
 from tests.conftest import Composer
 
 ALL = set(STAGES)
@@ -124,6 +125,22 @@ def test_a_model_counts_as_what_its_files_describe(
     for name, (changed, *files) in cases.items():
         after = keys_of_body(config, tmp_path / name, *files)
         assert {stage for stage in STAGES if before[stage] != after[stage]} == changed, name
+
+
+def test_a_model_that_changes_under_a_job_ends_it(
+    compose_config: Composer, body: tuple[str, str], tmp_path: Path
+) -> None:
+    config, (main, included) = compose_config(), body
+    keys_of_body(config, tmp_path / "model", main, included)
+    path = tmp_path / "model" / "robot.xml"
+    config = replace(config, humanoid=replace(config.humanoid, xml=str(path)))
+    body_digests.cache_clear()
+    stage_key("baseline", config, {})
+    require_same_body(config)
+    heavier = re.sub(r'( mass=")\d', r"\g<1>9", included, count=1)
+    path.with_name("body.xml").write_text(heavier, encoding="utf-8")
+    with pytest.raises(ArtifactError, match=f"{path}: the model changed while the job ran"):
+        require_same_body(config)
 
 
 def test_the_last_bits_of_another_processor_do_not_count() -> None:

@@ -113,6 +113,27 @@ def test_files_keep_their_text(tmp_path: Path) -> None:
         assert found == list(words)
 
 
+def test_merged_mappings_keep_their_text(tmp_path: Path) -> None:
+    """With `<<`, what a mapping says itself goes before what it takes from another."""
+    text = "common: &common {experiment: 1.10, uri: 1_0}\nmore: &more {enabled: false, experiment: 2.20}\n"
+    text += "tracking:\n  <<: [*common, *more]\n  uri: 'sqlite:///x.db'\n"
+    (tmp_path / "mine.yaml").write_text(HEAD + text, encoding="utf-8")
+    config, lines = composed(f"--config-dir={tmp_path}", "--config-name=mine").compose([])
+    assert config is not None, lines
+    assert (config.tracking.experiment, config.tracking.enabled) == ("1.10", False)
+    assert config.tracking.uri == f"sqlite:///{os.getcwd()}/x.db"
+
+
+def test_a_preset_without_a_name_has_that_of_its_file(tmp_path: Path) -> None:
+    (tmp_path / "experiment").mkdir()
+    (tmp_path / "experiment" / "mine.yaml").write_text("# @package _global_\nspeed: 3\n", encoding="utf-8")
+    arguments = (f"--config-dir={tmp_path}", "experiment=mine")
+    config, lines = composed(*arguments).compose(arguments[1:])
+    assert config is not None, lines
+    assert (config.experiment, config.speed) == ("mine", 3)
+    assert faults(arguments) == []
+
+
 @pytest.mark.parametrize("word", ["2026_10_05", "yes"])
 def test_all_kinds_of_files_keep_their_text(tmp_path: Path, word: str) -> None:
     """A configuration, a preset of all groups, a choice of one group, and a sweep of one value."""
