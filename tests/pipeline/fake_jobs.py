@@ -21,6 +21,7 @@ class Fakes(Callback):
     def on_job_start(self, config: DictConfig, **kwargs: Any) -> None:
         """Called in the process of the job."""
         fake_stages.install()
+        fake_stages.do_without_torch()
 
 
 if __name__ == "__main__":

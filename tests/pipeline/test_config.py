@@ -119,7 +119,7 @@ REFUSED = {
     "spede=4": "spede: unknown key; did you mean speed?",
     "teacher.learning_rat=1": "teacher.learning_rat: unknown key; did you mean teacher.learning_rate?",
     "total_steps=1": "total_steps: unknown key; did you mean teacher.total_steps?",
-    "+quiet=1": "quiet: unknown key; docs/configuration.md lists all keys",
+    "+quiet=1": "quiet: unknown key; --cfg job lists all keys",
     "seed=abc": "seed: abc is not allowed; allowed: a whole number >= 0",
     "seed=1.5": "seed: 1.5 is not allowed; allowed: a whole number >= 0",
     "eta=true": "eta: true is not allowed; allowed: a number >= 0 and <= 1",
