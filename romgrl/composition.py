@@ -87,7 +87,7 @@ def to_config(composed: Any) -> Config:
 def problems(composed: DictConfig, where: Callable[[str], str] = nowhere) -> list[str]:
     """One line for everything that is wrong with what Hydra composed; `where`: " in FILE" for a key of a file."""
     config, bad = read(composed, where)
-    return [*(line for line in bad.values() if line), *misfits(config, bad), *hydra_faults(composed)]
+    return [*(line for line in bad.values() if line), *misfits(config, bad), *hydra_faults(composed, bad)]
 
 
 def read(composed: DictConfig, where: Callable[[str], str] = nowhere) -> tuple[Config, dict[str, str]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from typing import Any, NamedTuple
 
 from omegaconf import DictConfig, OmegaConf
@@ -61,11 +61,13 @@ OF_JOBLIB = {
 }
 
 
-def hydra_faults(composed: DictConfig) -> Iterator[str]:
-    """Yield a line for every setting of Hydra that would end in a traceback, or run nothing."""
+def hydra_faults(composed: DictConfig, bad: Collection[str] = ()) -> Iterator[str]:
+    """Yield a line for every setting of Hydra that would end in a traceback, or run nothing; `bad`: keys told before."""
     joblib = composed.hydra.runtime.choices.get("hydra/launcher") == "joblib"
     settings = ANYWHERE | {f"launcher.{name}": setting for name, setting in OF_JOBLIB.items() if joblib}
     for name, setting in settings.items():
+        if name == "sweep.dir" and "paths.outputs" in bad:  # which it lies below
+            continue
         try:
             value = OmegaConf.select(composed.hydra, name, throw_on_missing=True)
         except (MissingMandatoryValue, InterpolationToMissingValueError):
