@@ -62,7 +62,7 @@ OF_JOBLIB = {
 
 
 def hydra_faults(composed: DictConfig, bad: Collection[str] = ()) -> Iterator[str]:
-    """Yield a line for every setting of Hydra that would end in a traceback, or run nothing; `bad`: keys told before."""
+    """Yield a line for every setting of Hydra that ends in a traceback or runs nothing; `bad`: keys told before."""
     joblib = composed.hydra.runtime.choices.get("hydra/launcher") == "joblib"
     settings = ANYWHERE | {f"launcher.{name}": setting for name, setting in OF_JOBLIB.items() if joblib}
     for name, setting in settings.items():
