@@ -75,7 +75,7 @@ $(PEERS)/%/.built: benchmarks/peers/%.txt
 	@touch $@
 
 preview: $(PACKAGE) ## make the looping picture of the README from the newest report (options: OUTPUTS=DIR)
-	$(BIN)/python -m romgrl.report.preview $(OUTPUTS) docs/images/preview.webp
+	$(BIN)/python -m romgrl.report.readme_preview $(OUTPUTS) docs/images/preview.webp
 
 lint: $(PACKAGE) ## check style
 	$(BIN)/ruff check . && $(BIN)/ruff format --check .
@@ -87,7 +87,7 @@ types: $(PACKAGE) ## check types
 	$(BIN)/mypy
 
 docs: $(PACKAGE) ## write docs/configuration.md from the schema
-	$(BIN)/python -m romgrl.config_docs
+	$(BIN)/python -m romgrl.cli.reference_page
 
 pretrained: $(PACKAGE) ## ship the newest walkers under outputs that fit student=pretrained (other settings: ARGS="key=value")
 	$(BIN)/python -m romgrl.pretrained outputs $(ARGS)

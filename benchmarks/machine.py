@@ -8,7 +8,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from romgrl.provenance import git_state, versions
+from romgrl.provenance.versions import git_state, versions
 
 
 def processor() -> str:

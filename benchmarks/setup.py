@@ -12,13 +12,14 @@ from unittest.mock import patch
 import numpy as np
 from hydra import compose, initialize_config_dir
 
-from romgrl import pipeline, worker
 from romgrl.algorithms.rom_grl import RomGrl
 from romgrl.artifacts import save_arrays
-from romgrl.composition import CONF, register_schema, to_config
-from romgrl.config import Config
+from romgrl.cli.compose import CONF, register_schema, to_config
+from romgrl.config.schema import Config
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
-from romgrl.progress import SilentLog
+from romgrl.pipeline import run as pipeline
+from romgrl.pipeline import worker
+from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import student
 
 T = TypeVar("T")

@@ -12,9 +12,10 @@ from hydra import compose, initialize_config_dir
 from hydra.core.global_hydra import GlobalHydra
 
 import romgrl.humanoid  # noqa: F401 - MuJoCo, before a test imports it under a MUJOCO_GL that does not work here
-from romgrl import interruption, keys
-from romgrl.composition import CONF, register_schema, to_config
-from romgrl.config import Config
+from romgrl.cli.compose import CONF, register_schema, to_config
+from romgrl.config.schema import Config
+from romgrl.provenance import stage_keys
+from romgrl.runtime import signals
 from tests.limits import PATIENCE
 from tests.pipeline import fake_stages
 from tests.pipeline.conftest import Command, start
@@ -31,10 +32,10 @@ def listen_to_the_end_of_a_terminal() -> None:
 @pytest.fixture(autouse=True)
 def signals_as_before() -> Iterator[None]:
     """A job that a test ran in this process leaves no signal unanswered for the next one."""
-    left, handlers = set(interruption._left), {number: signal.getsignal(number) for number in interruption.SIGNALS}
+    left, handlers = set(signals._left), {number: signal.getsignal(number) for number in signals.SIGNALS}
     yield
-    interruption._left.clear()
-    interruption._left.update(left)
+    signals._left.clear()
+    signals._left.update(left)
     for number, handler in handlers.items():
         signal.signal(number, handler)
 
@@ -61,18 +62,18 @@ def smoke_config(compose_config: Composer, tmp_path: Path) -> Config:
 @pytest.fixture
 def interrupt(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
     """A function that does, whatever its arguments, what a SIGINT does."""
-    monkeypatch.setattr(interruption, "_pending", None)
-    monkeypatch.setattr(interruption, "_once", False)
-    return lambda *_, **__: interruption._answer(signal.SIGINT, None)
+    monkeypatch.setattr(signals, "_pending", None)
+    monkeypatch.setattr(signals, "_once", False)
+    return lambda *_, **__: signals._answer(signal.SIGINT, None)
 
 
 @pytest.fixture
 def fakes() -> Iterator[None]:
     """Replace every stage by a fake one."""
-    saved = dict(keys.STAGES)
+    saved = dict(stage_keys.STAGES)
     fake_stages.install()
     yield
-    keys.STAGES.update(saved)
+    stage_keys.STAGES.update(saved)
 
 
 @pytest.fixture

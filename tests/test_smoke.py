@@ -15,14 +15,15 @@ import pytest
 from mlflow import MlflowClient
 from rich.console import Console
 
-from romgrl import pipeline, worker
 from romgrl.artifacts import load_arrays, load_tensors, open_artifact
-from romgrl.config import OPTIONAL_STAGES, STAGES, Config
+from romgrl.config.schema import OPTIONAL_STAGES, STAGES, Config
+from romgrl.config.values import schema_keys
 from romgrl.humanoid import model
-from romgrl.keys import LABELS, stage_settings
-from romgrl.keys import STAGES as STAGE_GRAPH
-from romgrl.recorder import default_uri
-from romgrl.validation import schema_keys
+from romgrl.pipeline import run as pipeline
+from romgrl.pipeline import worker
+from romgrl.provenance.stage_keys import LABELS, stage_settings
+from romgrl.provenance.stage_keys import STAGES as STAGE_GRAPH
+from romgrl.tracking.recorder import default_uri
 from tests.conftest import Composer
 
 FREE = {

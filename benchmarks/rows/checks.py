@@ -18,11 +18,11 @@ from benchmarks.measure import Options, Result
 from benchmarks.rows.commands import ROOT
 from benchmarks.setup import configuration
 from romgrl.algorithms.sac import load_policy
-from romgrl.config import Config
+from romgrl.config.schema import Config
 from romgrl.gait.features import gait_from_rollouts
 from romgrl.gait.metrics import describe as describe_gait
 from romgrl.stages import evaluation
-from romgrl.stages.walkers import humanoid_env
+from romgrl.stages.wiring.worlds import humanoid_env
 
 SEEDS = (0, 1, 2)
 KEPT = ROOT / "outputs" / "benchmarks"

@@ -16,7 +16,7 @@ from rich.console import Console
 
 from benchmarks.measure import Options, Result, interleave, seconds
 from benchmarks.setup import configuration
-from romgrl import pipeline
+from romgrl.pipeline import run as pipeline
 
 ROOT = Path(__file__).resolve().parents[2]
 

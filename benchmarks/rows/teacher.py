@@ -12,10 +12,10 @@ from typing import Any
 from benchmarks.measure import Options, Result, compare
 from benchmarks.peers import Peer
 from benchmarks.setup import configuration
-from romgrl.config import Config
-from romgrl.progress import SilentLog
+from romgrl.config.schema import Config
+from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import teacher
-from romgrl.stages.walkers import rom_env
+from romgrl.stages.wiring.worlds import rom_env
 
 ROLLOUTS = 12  # measured after a first one; a training has hundreds, all alike
 KEYS = [

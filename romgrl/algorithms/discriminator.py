@@ -8,15 +8,15 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from romgrl.algorithms.adversarial import (
+from romgrl.algorithms.adversarial_losses import (
     LOSSES,
     decision_threshold,
     imitation_reward,
     interpolate_penalty,
     zero_penalty,
 )
-from romgrl.algorithms.state import optimizer_state, put_all, restore_optimizer
-from romgrl.limits import check
+from romgrl.algorithms.divergence import check
+from romgrl.algorithms.tensor_state import optimizer_state, put_all, restore_optimizer
 
 
 class Discriminator:

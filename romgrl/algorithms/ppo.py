@@ -14,13 +14,13 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from romgrl.algorithms.mlp_gradients import MLPGradients, flatten
+from romgrl.algorithms.networks.mlp import ACTIVATIONS, initialise_orthogonal, mirror, mlp
+from romgrl.algorithms.networks.mlp_gradients import MLPGradients, flatten
 from romgrl.algorithms.policy_file import check_tensors, layer_sizes, read_policy, require
-from romgrl.algorithms.rollout import Rollout, compute_gae
-from romgrl.algorithms.state import optimizer_state, put, restore_optimizer
+from romgrl.algorithms.rollout_buffer import Rollout, compute_gae
+from romgrl.algorithms.second_thread import start
+from romgrl.algorithms.tensor_state import optimizer_state, put, restore_optimizer
 from romgrl.artifacts import save_tensors
-from romgrl.lanes import start
-from romgrl.networks import ACTIVATIONS, initialise_orthogonal, mirror, mlp
 
 LOG_TWO_PI = math.log(2.0 * math.pi)
 Mirror = tuple[NDArray[np.int64], NDArray[np.float32]]

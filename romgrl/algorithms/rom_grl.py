@@ -13,10 +13,10 @@ from typing import Any
 from torch import Tensor
 
 from romgrl.algorithms.discriminator import Discriminator
+from romgrl.algorithms.networks.running_normalizer import RunningNormalizer
+from romgrl.algorithms.replay_buffer import Batch, ReplayBuffer
 from romgrl.algorithms.sac import SAC, Metrics
-from romgrl.buffers import Batch, ReplayBuffer
-from romgrl.lanes import start
-from romgrl.normalizer import RunningNormalizer
+from romgrl.algorithms.second_thread import start
 
 
 @dataclass

@@ -17,14 +17,14 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from romgrl.algorithms import squashed_gaussian
+from romgrl.algorithms.divergence import check
+from romgrl.algorithms.networks import squashed_gaussian
+from romgrl.algorithms.networks.stacked_mlp import StackedMLP, Tape
 from romgrl.algorithms.policy_file import check_tensors, layer_sizes, read_policy, require_humanoid
-from romgrl.algorithms.stacked_mlp import StackedMLP, Tape
-from romgrl.algorithms.state import optimizer_state, put_all, restore_optimizer
+from romgrl.algorithms.replay_buffer import Batch
+from romgrl.algorithms.second_thread import start
+from romgrl.algorithms.tensor_state import optimizer_state, put_all, restore_optimizer
 from romgrl.artifacts import save_tensors
-from romgrl.buffers import Batch
-from romgrl.lanes import start
-from romgrl.limits import check
 
 Metrics = dict[str, Tensor]
 

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from romgrl.humanoid import task
 from romgrl.humanoid.model import CONTROL_FREQUENCY, build, dimensions, set_up_mujoco
 from romgrl.humanoid.observation import OBSERVATION_SIZE, varying_columns
-from romgrl.humanoid.observer import GAIT_FEATURES, TRUNK_LEAN, PlanarObserver
+from romgrl.humanoid.planar_observer import GAIT_FEATURES, TRUNK_LEAN, PlanarObserver
 from romgrl.humanoid.rendering import SideCamera
-from romgrl.humanoid.reset import build_bank
 from romgrl.humanoid.skeleton import HINGES, mirror_action, mirror_observation
+from romgrl.humanoid.start_states import build_bank
 
 Float32 = NDArray[np.float32]
 

@@ -12,11 +12,11 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from romgrl.config import Humanoid
+from romgrl.config.schema import Humanoid
 from romgrl.errors import ConfigurationError
 from romgrl.humanoid import _core
-from romgrl.humanoid.human import human_spec
-from romgrl.humanoid.planar import hold_in_plane
+from romgrl.humanoid.own_body import human_spec
+from romgrl.humanoid.sagittal_plane import hold_in_plane
 from romgrl.humanoid.skeleton import BODIES, HINGES, ROOT_JOINTS
 
 _NO_TIME = ctypes.CFUNCTYPE(ctypes.c_double)(_core.NO_TIME)

@@ -1,6 +1,6 @@
 """Reward and terminations of the planar humanoid: functions on arrays, one row per humanoid.
 
-A posture (N, 8) is what `romgrl.humanoid.observer.PlanarObserver` returns beside the observation.
+A posture (N, 8) is what `romgrl.humanoid.planar_observer.PlanarObserver` returns beside the observation.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from romgrl.humanoid.model import CONTROL_FREQUENCY, dimensions
-from romgrl.humanoid.observer import FASTEST, HEAD_HEIGHT, PELVIS_HEIGHT, TRUNK_LEAN
+from romgrl.humanoid.planar_observer import FASTEST, HEAD_HEIGHT, PELVIS_HEIGHT, TRUNK_LEAN
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

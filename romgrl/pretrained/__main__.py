@@ -12,15 +12,15 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from romgrl import pretrained
 from romgrl.artifacts import MANIFEST, Manifest, open_artifact, write_bytes
-from romgrl.composition import COMPOSITION_ERRORS, compose_config, first_line
-from romgrl.config import Config
-from romgrl.display import protect
+from romgrl.cli.compose import COMPOSITION_ERRORS, compose_config, first_line
+from romgrl.config.schema import Config
 from romgrl.errors import ArtifactError, ConfigurationError, RomgrlError
-from romgrl.keys import stage_settings
-from romgrl.results.finished import LINEAGE, Evaluation, differing, evaluations, plain, shortened
-from romgrl.surroundings import settle
+from romgrl.provenance import shipped
+from romgrl.provenance.stage_keys import stage_settings
+from romgrl.results.evaluation_index import LINEAGE, Evaluation, differing, evaluations, plain, shortened
+from romgrl.runtime.display import protect
+from romgrl.runtime.surroundings import settle
 
 CARD = "MODEL_CARD.md"
 
@@ -43,7 +43,7 @@ def find(outputs: Path, config: Config) -> tuple[Evaluation, dict[str, Manifest]
             candidates = [(unlike(stage, each, config), each) for each in evaluation.lineage.get(stage, [])]
             differing, nearest = min(candidates, key=lambda one: len(one[0]), default=([f"no {stage}"], None))
             reasons += differing
-            if nearest is not None and stage in pretrained.GROUPS:
+            if nearest is not None and stage in shipped.GROUPS:
                 manifests[stage] = nearest
         if not reasons:
             return evaluation, manifests
@@ -54,7 +54,7 @@ def find(outputs: Path, config: Config) -> tuple[Evaluation, dict[str, Manifest]
 
 def unlike(stage: str, manifest: Manifest, config: Config) -> list[str]:
     """In what an artifact differs from a configuration, such as `eta 0.3 instead of 0.5`; keys that came later do not
-    count, as they do not in `pretrained.other_settings`."""
+    count, as they do not in `shipped.other_settings`."""
     wanted = plain(stage_settings(stage, config))
     return [text for key, text in differing(manifest.config, wanted) if key in wanted and key in manifest.config]
 
@@ -67,7 +67,7 @@ def ship(outputs: Path, config: Config) -> list[Path]:
     sources = {stage: outputs / "artifacts" / stage / manifest.key for stage, manifest in manifests.items()}
     for stage, source in sources.items():
         open_artifact(source, stage=stage, key=source.name)
-    card, text = pretrained.PLACE / CARD, write_card(evaluation, manifests)  # it may fail: before anything is replaced
+    card, text = shipped.PLACE / CARD, write_card(evaluation, manifests)  # it may fail: before anything is replaced
     written = [path for stage, manifest in manifests.items() for path in write(stage, manifest, sources[stage])]
     write_bytes(card, text.encode())
     return [*written, card]
@@ -75,7 +75,7 @@ def ship(outputs: Path, config: Config) -> list[Path]:
 
 def write(stage: str, manifest: Manifest, source: Path) -> list[Path]:
     """Put one artifact in the place of the one that ships now."""
-    target = pretrained.PLACE / stage
+    target = shipped.PLACE / stage
     shutil.rmtree(target, ignore_errors=True)
     target.mkdir(parents=True)
     for name in manifest.files:
@@ -101,7 +101,7 @@ def main(arguments: Sequence[str]) -> int:
         print(error, file=sys.stderr)
         return error.exit_code
     for path in written:
-        print(f"{path.relative_to(pretrained.PLACE)}: {path.stat().st_size} bytes")
+        print(f"{path.relative_to(shipped.PLACE)}: {path.stat().st_size} bytes")
     return 0
 
 

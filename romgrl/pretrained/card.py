@@ -7,10 +7,10 @@ from collections.abc import Mapping
 import pandas as pd
 
 from romgrl.artifacts import Manifest
-from romgrl.progress import format_duration
+from romgrl.config.values import show
 from romgrl.report.tables import distance_table, error_table, gait_table, markdown
-from romgrl.results.finished import Evaluation
-from romgrl.validation import show
+from romgrl.results.evaluation_index import Evaluation
+from romgrl.runtime.stage_log import format_duration
 
 TEXT = """# Model card: the pretrained teacher, student and baseline of romgrl
 

@@ -10,9 +10,9 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from romgrl.display import protect
 from romgrl.errors import RomgrlError
-from romgrl.surroundings import settle
+from romgrl.runtime.display import protect
+from romgrl.runtime.surroundings import settle
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -22,8 +22,8 @@ def main(arguments: Sequence[str]) -> int:
         print(__doc__, file=sys.stderr)
         return 2
     settle()  # before Matplotlib is imported
-    from romgrl.results.document import write_document
-    from romgrl.results.readme import write_readme
+    from romgrl.results.readme_table import write_readme
+    from romgrl.results.results_document import write_document
 
     outputs = Path(arguments[0]).expanduser().resolve()
     try:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from romgrl.results.finished import Evaluation
+from romgrl.results.evaluation_index import Evaluation
 from romgrl.results.statistics import (
     Interval,
     improvement_interval,

@@ -8,10 +8,11 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
-from romgrl.config import Config
+from romgrl.config.schema import Config
 from romgrl.errors import ArtifactError
 from romgrl.gait.features import CHANNELS
-from romgrl.pretrained import is_pretrained
+from romgrl.provenance.shipped import is_pretrained
+from romgrl.report.terminal_tables import ALIGNMENTS
 from romgrl.results.claims import (
     ENOUGH_SEEDS,
     TOO_FEW,
@@ -22,15 +23,14 @@ from romgrl.results.claims import (
     known,
     read_claims,
 )
-from romgrl.results.finished import Evaluation, Selection, codes, select
-from romgrl.results.sheet import Sheet
+from romgrl.results.evaluation_index import Evaluation, Selection, codes, select
 from romgrl.results.statistics import (
     Interval,
     improvement_interval,
     probability_of_improvement,
     summarize,
 )
-from romgrl.summary import ALIGNMENTS
+from romgrl.results.text_table import Sheet
 
 WILD = 0.5  # coefficient of variation of the baseline's error over seeds from which a reduction says little
 LISTED = 10  # reasons why evaluations are left out

@@ -12,9 +12,9 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from romgrl.rom import _core
-from romgrl.rom.mirror import MIRROR_ACTION, MIRROR_OBSERVATION, MIRROR_PAPER_OBSERVATION, Mirror
+from romgrl.rom.drawing import draw
+from romgrl.rom.observation import MIRROR_ACTION, MIRROR_OBSERVATION, MIRROR_PAPER_OBSERVATION, Mirror
 from romgrl.rom.parameters import Reward, SpringLegParameters, core_parameters
-from romgrl.rom.rendering import draw
 
 Array = NDArray[Any]
 
@@ -28,7 +28,7 @@ _METADATA: dict[str, Any] = {
 class SpringLegVectorEnv(VectorEnv[Array, Array, Array]):
     """A trunk on two spring legs, driven by two hip torques, to hold a forward speed (paper section 3.2).
 
-    Observation: (N, 20) float32, or the 13 columns that the paper lists; see `romgrl.rom.mirror.OBSERVATION_NAMES`.
+    Observation: (N, 20) float32, or the 13 columns of the paper; see `romgrl.rom.observation.OBSERVATION_NAMES`.
     Action: (N, 2) float32, left and right hip torque as a share of `hip_torque`, clipped to [-1, 1]; NaN: ValueError.
     Reward: exp(-alpha |v - speed|) or v, where v is the mean forward velocity of the trunk over the control step.
     Terminated: trunk below `fall_height` leg lengths, a free trunk beyond `trunk_pitch_limit`, or a diverged state.

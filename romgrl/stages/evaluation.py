@@ -12,17 +12,17 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from romgrl.artifacts import save_arrays
-from romgrl.config import Config
+from romgrl.config.schema import Config
 from romgrl.errors import ConfigurationError
 from romgrl.gait.alignment import aligned_phase_lag, mse_table
 from romgrl.gait.distances import distance_table
 from romgrl.gait.features import CHANNELS, Gait, gait_from_reference, gait_from_rollouts, until_first_fall
 from romgrl.gait.metrics import describe
-from romgrl.humanoid.replay import replay
+from romgrl.humanoid.joint_power import replay
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
-from romgrl.progress import StageLog
-from romgrl.stages.inputs import WALKERS, read_reference, read_walker
-from romgrl.stages.walkers import humanoid_env
+from romgrl.runtime.stage_log import StageLog
+from romgrl.stages.wiring.inputs import WALKERS, read_reference, read_walker
+from romgrl.stages.wiring.worlds import humanoid_env
 
 SEED_OFFSET = 30_000  # resets that no training has drawn
 Policy = Callable[[NDArray[np.float32]], NDArray[np.float32]]

@@ -6,12 +6,12 @@ from collections.abc import Mapping
 from contextlib import closing
 from pathlib import Path
 
-from romgrl import pretrained
 from romgrl.artifacts import write_bytes
-from romgrl.config import Config
-from romgrl.progress import StageLog, format_duration
-from romgrl.stages.inputs import read_teacher, read_walker
-from romgrl.stages.walkers import humanoid_env, rom_env
+from romgrl.config.schema import Config
+from romgrl.provenance import shipped
+from romgrl.runtime.stage_log import StageLog, format_duration
+from romgrl.stages.wiring.inputs import read_teacher, read_walker
+from romgrl.stages.wiring.worlds import humanoid_env, rom_env
 
 
 def teacher(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog) -> None:
@@ -40,10 +40,10 @@ def copy_walker(stage: str, config: Config, output: Path, log: StageLog) -> None
 
 def copy(stage: str, output: Path, log: StageLog) -> None:
     """Verify the artifact that ships and copy every file of it; say what made it."""
-    manifest = pretrained.shipped(stage)
+    manifest = shipped.shipped(stage)
     for name in manifest.files:
-        write_bytes(output / name, (pretrained.PLACE / stage / name).read_bytes())
-    steps = manifest.config.get(f"{pretrained.GROUPS[stage]}.total_steps")
+        write_bytes(output / name, (shipped.PLACE / stage / name).read_bytes())
+    steps = manifest.config.get(f"{shipped.GROUPS[stage]}.total_steps")
     log.message(
         f"pretrained, not trained here: {steps} steps in {format_duration(manifest.wall_time)} with seed "
         f"{manifest.seed}, romgrl {manifest.versions.get('romgrl')}, revision {(manifest.revision or 'unknown')[:12]}"

@@ -9,14 +9,14 @@ from pathlib import Path
 import numpy as np
 
 from romgrl.artifacts import save_arrays
-from romgrl.config import Config
+from romgrl.config.schema import Config
 from romgrl.errors import ArtifactError
 from romgrl.gait.features import CHANNELS, Gait
-from romgrl.gait.reference import check_reference
-from romgrl.progress import StageLog
-from romgrl.stages.inputs import read_teacher
+from romgrl.gait.reference_check import check_reference
+from romgrl.runtime.stage_log import StageLog
 from romgrl.stages.teacher import record
-from romgrl.stages.walkers import rom_env
+from romgrl.stages.wiring.inputs import read_teacher
+from romgrl.stages.wiring.worlds import rom_env
 
 
 def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog) -> None:

@@ -12,15 +12,15 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from romgrl.artifacts import MANIFEST, read_manifest
-from romgrl.config import Config
+from romgrl.config.schema import Config
 from romgrl.gait.alignment import align, last_windows
 from romgrl.gait.features import Gait, gait_from_reference, gait_from_rollouts
 from romgrl.humanoid.rendering import RenderingError, SideCamera
-from romgrl.progress import StageLog
-from romgrl.report import bands, document, figures, film, side_by_side, tables
+from romgrl.report import figures, film, human_band_figure, markdown_report, side_by_side_film, tables
 from romgrl.report.style import save
+from romgrl.runtime.stage_log import StageLog
 from romgrl.stages import report_page
-from romgrl.stages.inputs import (
+from romgrl.stages.wiring.inputs import (
     DISTANCE_COLUMNS,
     ERROR_COLUMNS,
     GAIT_COLUMNS,
@@ -29,7 +29,7 @@ from romgrl.stages.inputs import (
     read_rollouts,
     read_table,
 )
-from romgrl.stages.walkers import humanoid_model, rom_parameters
+from romgrl.stages.wiring.worlds import humanoid_model, rom_parameters
 
 POSES = 8
 FILM_TIME = 6.0  # s at the end of the recorded episode
@@ -43,7 +43,7 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
     distances = read_table(inputs["evaluation"] / "distances.csv", DISTANCE_COLUMNS)
     gaits = read_table(inputs["evaluation"] / "gait.csv", GAIT_COLUMNS)
     pictures = draw(config, inputs, rollouts, errors)
-    pictures["gait"] = bands.gait_bands(gaits, config.speed)
+    pictures["gait"] = human_band_figure.gait_bands(gaits, config.speed)
     states = {name: rollouts[f"{name}_states"] for name in WALKERS}
     rates = dict(zip(gaits.walker, gaits.stride_frequency_hz, strict=True))
     dt = float(rollouts["dt"])
@@ -53,7 +53,7 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
         pictures["filmstrip"] = filmstrip(model, camera, states, rates, dt)
         films = []
         if camera is not None and config.evaluation.video:
-            teacher = side_by_side.Teacher(read_reference(inputs["reference"], config), rom_parameters(config))
+            teacher = side_by_side_film.Teacher(read_reference(inputs["reference"], config), rom_parameters(config))
             films = films_or_none(camera, states, teacher, dt, output, log)
     finally:
         if camera is not None:
@@ -65,12 +65,12 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
     (output / "gait.md").write_text(tables.markdown(tables.gait_table(gaits)), encoding="utf-8")
     facts = collect_facts(config, inputs)
     (output / "report.md").write_text(
-        document.write(errors, distances, gaits, facts, list(pictures), films), encoding="utf-8"
+        markdown_report.write(errors, distances, gaits, facts, list(pictures), films), encoding="utf-8"
     )
     report_page.write_page(
         config, inputs, output, model=model, rollouts=rollouts, errors=errors, gaits=gaits, facts=facts
     )
-    log.message(document.headline(errors, gaits))
+    log.message(markdown_report.headline(errors, gaits))
 
 
 def draw(
@@ -145,7 +145,7 @@ def crop(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
 def films_or_none(
     camera: SideCamera,
     states: Mapping[str, NDArray[Any]],
-    teacher: side_by_side.Teacher,
+    teacher: side_by_side_film.Teacher,
     dt: float,
     output: Path,
     log: StageLog,
@@ -168,7 +168,7 @@ def remove_films(output: Path) -> None:
 def shoot(
     camera: SideCamera,
     states: Mapping[str, NDArray[Any]],
-    teacher: side_by_side.Teacher,
+    teacher: side_by_side_film.Teacher,
     dt: float,
     output: Path,
     log: StageLog,
@@ -184,8 +184,8 @@ def shoot(
         log.progress(done, total)
     height, width, _ = columns["student"][0].shape
     columns["teacher"] = teacher.frames((height, width), round(FILM_TIME / dt))
-    film.write_film(output / side_by_side.FILM, side_by_side.together(columns), dt)
-    return [*(f"{name}.mp4" for name in filmed), side_by_side.FILM]
+    film.write_film(output / side_by_side_film.FILM, side_by_side_film.together(columns), dt)
+    return [*(f"{name}.mp4" for name in filmed), side_by_side_film.FILM]
 
 
 def keeping(frames: Iterator[NDArray[np.uint8]], middles: list[NDArray[np.uint8]]) -> Iterator[NDArray[np.uint8]]:
@@ -195,11 +195,11 @@ def keeping(frames: Iterator[NDArray[np.uint8]], middles: list[NDArray[np.uint8]
         yield frame
 
 
-def collect_facts(config: Config, inputs: Mapping[str, Path]) -> document.Facts:
+def collect_facts(config: Config, inputs: Mapping[str, Path]) -> markdown_report.Facts:
     """What the report says of the run."""
     evaluation = config.evaluation
     manifests = {name: path for name, path in inputs.items() if (path / MANIFEST).is_file()}
-    return document.Facts(
+    return markdown_report.Facts(
         speed=config.speed,
         teacher_speed=config.teacher.speed,
         eta=config.eta,

@@ -12,16 +12,16 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from romgrl.artifacts import MANIFEST, read_manifest
-from romgrl.config import Config
+from romgrl.config.schema import Config
 from romgrl.errors import ArtifactError
 from romgrl.gait.features import Gait, gait_from_reference, gait_from_rollouts
-from romgrl.report import document
-from romgrl.report.page import charts, scene, tables, trainings, writing
+from romgrl.report import markdown_report
+from romgrl.report.page import charts, html, scene, tables, training_charts
 from romgrl.report.page.intervals import error_intervals
 from romgrl.report.page.strides import stride_average
 from romgrl.report.style import COLORS, LABELS
-from romgrl.stages.inputs import WALKERS, read_reference, read_table
-from romgrl.stages.walkers import rom_parameters
+from romgrl.stages.wiring.inputs import WALKERS, read_reference, read_table
+from romgrl.stages.wiring.worlds import rom_parameters
 
 PAGE = "report.html"
 STAGES = ("teacher", "reference", *WALKERS, "evaluation")
@@ -37,7 +37,7 @@ def write_page(
     rollouts: Mapping[str, NDArray[Any]],
     errors: pd.DataFrame,
     gaits: pd.DataFrame,
-    facts: document.Facts,
+    facts: markdown_report.Facts,
 ) -> None:
     """Write report.html beside the other files of the report."""
     teacher = gait_from_reference(read_reference(inputs["reference"], config))
@@ -49,16 +49,16 @@ def write_page(
     intervals = error_intervals(teacher, walkers, config.evaluation.window)
     aligned = errors[errors.alignment == "aligned"].merge(intervals, on="channel", sort=False)
     health = read_health(inputs["student"] / "health.json")
-    sections = gait_charts(tracks, there, teacher.dt) | training_charts(config, inputs, health)
+    sections = gait_charts(tracks, there, teacher.dt) | curves_of_training(config, inputs, health)
     sections["errors"] = [charts.error_chart(aligned)]
     manifests = {name: read_manifest(inputs[name]) for name in STAGES if (inputs[name] / MANIFEST).is_file()}
-    writing.write(
+    html.write(
         output / PAGE,
         scene=scene.scene(tracks, scene.segments(model), rom_parameters(config).foot_radius, teacher.dt),
         sections=sections,
         title=f"Gait at {config.speed:g} m/s",
-        headline=document.headline(errors, gaits),
-        setting=document.setting(facts),
+        headline=markdown_report.headline(errors, gaits),
+        setting=markdown_report.setting(facts),
         played=played(tracks, walkers, teacher.dt, config.evaluation.window),
         counted=", ".join(f"{average.strides:,} strides of the {name}" for name, average in there.items()),
         colors=COLORS,
@@ -67,13 +67,13 @@ def write_page(
         gait_walkers=[str(name) for name in gaits.walker],
         gait_rows=tables.gait_rows(gaits, config.speed),
         error_rows=tables.error_rows(aligned),
-        remarks=document.remarks(errors),
+        remarks=markdown_report.remarks(errors),
         speed=f"{config.speed:g}",
         health=health,
         origin_rows=tables.origin_rows(manifests),
         versions=tables.versions(manifests),
         settings=tables.settings(manifests),
-        definitions=document.meanings(facts),
+        definitions=markdown_report.meanings(facts),
     )
 
 
@@ -87,15 +87,15 @@ def gait_charts(tracks: Mapping[str, scene.Track], averages: Mapping[str, Any], 
     }
 
 
-def training_charts(config: Config, inputs: Mapping[str, Path], health: dict[str, Any] | None) -> Sections:
+def curves_of_training(config: Config, inputs: Mapping[str, Path], health: dict[str, Any] | None) -> Sections:
     """The learning curves that are there, and those of the discriminator where there was one."""
     paths = {name: inputs[name] / "curve.csv" for name in ("teacher", *WALKERS) if name in inputs}
     curves = {name: read_table(path, ("step",)) for name, path in paths.items() if path.is_file()}
     targets = {"teacher": config.teacher.speed, **dict.fromkeys(WALKERS, config.speed)}
     spells = [] if health is None else health["history"]
     return {
-        "training": trainings.learning_curves(curves, targets),
-        "discriminator": trainings.discriminator(curves["student"], spells) if "student" in curves else [],
+        "training": training_charts.learning_curves(curves, targets),
+        "discriminator": training_charts.discriminator(curves["student"], spells) if "student" in curves else [],
     }
 
 

@@ -13,18 +13,18 @@ from numpy.typing import NDArray
 from scipy.stats import binomtest
 
 from romgrl.algorithms.sac import DeterministicPolicy
-from romgrl.config import Config
+from romgrl.config.schema import Config
 from romgrl.gait.metrics import SETTLING_TIME, mean_speed
-from romgrl.humanoid.scaling import scaled
+from romgrl.humanoid.changed_body import scaled
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
-from romgrl.progress import StageLog
-from romgrl.report.robustness import fall_rates
+from romgrl.report.fall_rate_figure import fall_rates
 from romgrl.report.style import save
 from romgrl.rom.return_map import StrideMap
-from romgrl.stages.inputs import WALKERS, read_teacher, read_walker
-from romgrl.stages.orbit import teacher_multipliers, verdict
-from romgrl.stages.trials import Outcome, Start, disturb, settle
-from romgrl.stages.walkers import humanoid_env, humanoid_model, rom_env
+from romgrl.runtime.stage_log import StageLog
+from romgrl.stages.rollouts.disturbed import Outcome, Start, disturb, settle
+from romgrl.stages.rollouts.orbital_stability import teacher_multipliers, verdict
+from romgrl.stages.wiring.inputs import WALKERS, read_teacher, read_walker
+from romgrl.stages.wiring.worlds import humanoid_env, humanoid_model, rom_env
 
 SEED_OFFSET = 40_000  # resets that neither a training nor the evaluation has drawn
 STRIDE_TIME = 1.0  # s that hold a stride at any speed: a disturbance begins at a random time within them

@@ -10,27 +10,27 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from romgrl.algorithms.divergence import check, check_physics
 from romgrl.algorithms.rom_grl import RomGrl
 from romgrl.algorithms.sac import Metrics, save_policy
-from romgrl.checkpoint import State
-from romgrl.config import Config
-from romgrl.gait.windows import FrameWindows, WindowLayout
-from romgrl.humanoid.imitation import reference_bank
+from romgrl.algorithms.second_thread import second_lane, start
+from romgrl.artifacts.checkpoint import State
+from romgrl.config.schema import Config
+from romgrl.gait.discriminator_windows import FrameWindows, WindowLayout
 from romgrl.humanoid.model import identity
 from romgrl.humanoid.observation import OBSERVATION_SIZE
-from romgrl.humanoid.reset import BANK_SIZE
+from romgrl.humanoid.reference_states import reference_bank
 from romgrl.humanoid.skeleton import HINGES
+from romgrl.humanoid.start_states import BANK_SIZE
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
-from romgrl.lanes import second_lane, start
-from romgrl.limits import check, check_physics
-from romgrl.progress import StageLog
-from romgrl.stages.health import HealthWatch
-from romgrl.stages.inputs import read_reference
-from romgrl.stages.keeper import Keeper, Stateful
-from romgrl.stages.learner import build_learner
-from romgrl.stages.selection import Candidates, choose
-from romgrl.stages.tally import EpisodeTally
-from romgrl.stages.walkers import humanoid_env
+from romgrl.runtime.stage_log import StageLog
+from romgrl.stages.training.checkpoints import Keeper, Stateful
+from romgrl.stages.training.discriminator_watch import HealthWatch
+from romgrl.stages.training.policy_selection import Candidates, choose
+from romgrl.stages.training.student_statistics import EpisodeTally
+from romgrl.stages.wiring.inputs import read_reference
+from romgrl.stages.wiring.student_learner import build_learner
+from romgrl.stages.wiring.worlds import humanoid_env
 
 LOG_INTERVAL = 4096
 

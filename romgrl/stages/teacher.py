@@ -15,19 +15,19 @@ import torch
 from gymnasium.spaces import flatdim
 from numpy.typing import NDArray
 
+from romgrl.algorithms.divergence import check, check_physics
 from romgrl.algorithms.ppo import PPO, DeterministicPolicy, load_policy, save_policy
-from romgrl.algorithms.rollout import Rollout
-from romgrl.checkpoint import State
-from romgrl.config import Config
-from romgrl.gait import human
+from romgrl.algorithms.rollout_buffer import Rollout
+from romgrl.algorithms.second_thread import second_lane
+from romgrl.artifacts.checkpoint import State
+from romgrl.config.schema import Config
+from romgrl.gait import human_bands
 from romgrl.gait.features import LEFT_X, RIGHT_X, Gait, until_first_fall
 from romgrl.gait.metrics import describe
-from romgrl.lanes import second_lane
-from romgrl.limits import check, check_physics
-from romgrl.progress import StageLog
 from romgrl.rom.vector_env import SpringLegVectorEnv
-from romgrl.stages.keeper import Keeper
-from romgrl.stages.walkers import rom_env
+from romgrl.runtime.stage_log import StageLog
+from romgrl.stages.training.checkpoints import Keeper
+from romgrl.stages.wiring.worlds import rom_env
 
 CHECK_EPISODES, CHECK_STEPS = 100, 300
 
@@ -51,7 +51,7 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
         f"{row['falls']:.0f} falls in {CHECK_EPISODES} episodes, {row['mean_speed_m_per_s']:.2f} m/s, "
         f"left-right correlation {row['left_right_correlation']:.2f}, {row['stride_frequency_hz']:.2f} strides/s"
     )
-    log.message(human.verdict(row, config.teacher.speed))
+    log.message(human_bands.verdict(row, config.teacher.speed))
 
 
 def build_learner(config: Config, env: SpringLegVectorEnv, lane: Executor | None = None) -> PPO:

@@ -12,14 +12,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from romgrl import interruption
-from romgrl.config import Config
+from romgrl.config.schema import Config
 from romgrl.humanoid.rendering import RenderingError, SideCamera
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
-from romgrl.progress import StageLog
 from romgrl.report.encoder import FilmError, write_film
-from romgrl.stages.inputs import read_walker
-from romgrl.stages.walkers import humanoid_env
+from romgrl.runtime import signals
+from romgrl.runtime.stage_log import StageLog
+from romgrl.stages.wiring.inputs import read_walker
+from romgrl.stages.wiring.worlds import humanoid_env
 
 SEED_OFFSET = 40_000  # resets that neither a training nor an evaluation has drawn
 NO_DISPLAY = "no display"
@@ -75,7 +75,7 @@ def play(env: PlanarHumanoidVectorEnv, directory: Path, seed: int) -> None:
             data.qpos[:] = state[: model.nq]
             mujoco.mj_forward(model, data)
             window.sync()
-            interruption.check()
+            signals.check()
             if not window.is_running():
                 return
             time.sleep(max(0.0, due - time.monotonic()))

@@ -8,11 +8,11 @@ from contextlib import closing
 from functools import partial
 from pathlib import Path
 
-from romgrl.journal import HIDDEN, BusyError, JournalError, Outbox, journal_directory, journals, redacted
-from romgrl.recorder import LOCAL, default_uri
-from romgrl.tracking.failures import FAILURES, TRIES, ExperimentError, RefusedError, explained
-from romgrl.tracking.sender import ParentError, Sender
-from romgrl.tracking.store import Store
+from romgrl.tracking.journal import HIDDEN, BusyError, JournalError, Outbox, journal_directory, journals, redacted
+from romgrl.tracking.recorder import LOCAL, default_uri
+from romgrl.tracking.sending.failures import FAILURES, TRIES, ExperimentError, RefusedError, explained
+from romgrl.tracking.sending.sender import ParentError, Sender
+from romgrl.tracking.sending.store import Store
 
 PAUSE_SECONDS = 0.5  # between two tries of a store that answers other requests
 LEFT = ("files", "aside")  # topics of what a store does not take, but may another time

@@ -6,10 +6,10 @@ import shutil
 from collections.abc import Mapping
 from pathlib import Path
 
-from romgrl import keys
 from romgrl.artifacts import MANIFEST
-from romgrl.config import Config
-from romgrl.progress import StageLog
+from romgrl.config.schema import Config
+from romgrl.provenance import stage_keys
+from romgrl.runtime.stage_log import StageLog
 from tests.browser.walkers import write_run
 from tests.report.finished import STAGES
 
@@ -30,8 +30,8 @@ def main() -> None:
     from romgrl.__main__ import main as romgrl
 
     for name in STAGES:
-        stage = keys.STAGES[name]
-        keys.STAGES[name] = keys.Stage("tests.browser.recorded:run", stage.upstream, stage.depends)
+        stage = stage_keys.STAGES[name]
+        stage_keys.STAGES[name] = stage_keys.Stage("tests.browser.recorded:run", stage.upstream, stage.depends)
     romgrl()
 
 

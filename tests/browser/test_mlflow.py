@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import pytest
 from playwright.sync_api import Browser, Frame, Page, expect
 
-from romgrl.recorder import UI_ADDRESS
-from romgrl.summary import HEADLINE, TRAINING_MINUTES
+from romgrl.report.terminal_tables import HEADLINE, TRAINING_MINUTES
+from romgrl.tracking.recorder import UI_ADDRESS
 from tests.browser.conftest import SCREENSHOTS
 from tests.faults.ports import free_port
 from tests.faults.servers import answers, process

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
-from romgrl.validation import kind_of, schema_keys
+from romgrl.config.values import kind_of, schema_keys
 
 HEAD = "defaults:\n  - config\n  - _self_\n"
 

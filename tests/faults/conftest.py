@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from romgrl.recorder import default_uri
-from romgrl.tracking.store import Store
+from romgrl.tracking.recorder import default_uri
+from romgrl.tracking.sending.store import Store
 
 
 @pytest.fixture(scope="session")

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from romgrl.recorder import Recorder
+from romgrl.tracking.recorder import Recorder
 
 FILES = {"policy.safetensors": b"w" * 3000, "curve.csv": b"step,loss\n", "figures/gait.png": b"p" * 500}
 PARAMS = {"seed": 1, "student": {"gamma": 0.98, "sizes": [256, 256]}}

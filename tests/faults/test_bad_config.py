@@ -15,15 +15,15 @@ from typing import Any
 import pytest
 
 from romgrl import __main__ as program
-from romgrl.command_line import faults, read_options
-from romgrl.composition import to_config
-from romgrl.config import Config
-from romgrl.humanoid.human import human_spec
-from romgrl.loading import Loader
-from romgrl.misfits import CHECKS, validate
+from romgrl.cli.arguments import faults, read_options
+from romgrl.cli.compose import to_config
+from romgrl.cli.consistency import CHECKS, validate
+from romgrl.cli.hydra_loader import Loader
+from romgrl.config.schema import Config
+from romgrl.config.values import kind_of, schema_keys, value_of
+from romgrl.humanoid.own_body import human_spec
 from romgrl.rom import _core
 from romgrl.rom.parameters import SpringLegParameters, core_parameters
-from romgrl.validation import kind_of, schema_keys, value_of
 from tests.conftest import Composer
 from tests.faults.bad_configs import ALLOWED, FILES, HEAD, MISFITS, OF_HYDRA, SPECIAL, Case, case, from_schema, typos
 from tests.limits import PATIENCE

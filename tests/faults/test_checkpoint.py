@@ -12,8 +12,8 @@ import pytest
 import torch
 from torch import Tensor
 
-from romgrl import checkpoint
-from romgrl.checkpoint import Checkpoints
+from romgrl.artifacts import checkpoint
+from romgrl.artifacts.checkpoint import Checkpoints
 from tests.faults.trainings import digest
 
 ROWS = 8

@@ -17,7 +17,7 @@ import pytest
 
 from romgrl.humanoid import _core as humanoid_core
 from romgrl.humanoid.model import build
-from romgrl.humanoid.observer import planar_bodies
+from romgrl.humanoid.planar_observer import planar_bodies
 from romgrl.rom import _core
 from tests.rom.worlds import Worlds
 

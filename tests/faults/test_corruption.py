@@ -12,10 +12,11 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from romgrl import keys, pipeline
 from romgrl.artifacts import open_artifact, setting_aside
-from romgrl.config import Config
+from romgrl.config.schema import Config
 from romgrl.errors import ArtifactError
+from romgrl.pipeline import run as pipeline
+from romgrl.provenance import stage_keys
 from tests.conftest import Composer
 from tests.pipeline import fake_stages
 from tests.pipeline.conftest import trainings
@@ -29,11 +30,11 @@ def pristine(compose_config: Composer, tmp_path_factory: pytest.TempPathFactory)
     outputs = tmp_path_factory.mktemp("pristine")
     config = compose_config("experiment=smoke", "threads=1", "tracking=none", f"paths.outputs={outputs}/real")
     real = pipeline.run(replace(config, stage="reference"), console=Console(file=io.StringIO()))
-    saved = dict(keys.STAGES)
+    saved = dict(stage_keys.STAGES)
     fake_stages.install()
     fake = compose_config("experiment=smoke", "threads=1", "tracking=none", f"paths.outputs={outputs}/fake")
     faked = pipeline.run(fake, console=Console(file=io.StringIO()))
-    keys.STAGES.update(saved)
+    stage_keys.STAGES.update(saved)
     return [*real.values(), *faked.values()]
 
 

@@ -14,13 +14,14 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from romgrl import pipeline, worker
 from romgrl.artifacts import open_artifact
-from romgrl.checkpoint import CHECKPOINT, Checkpoints, Ring
-from romgrl.config import Config
+from romgrl.artifacts.checkpoint import CHECKPOINT, Checkpoints, Ring
+from romgrl.config.schema import Config
 from romgrl.errors import StorageError
-from romgrl.progress import SilentLog
-from romgrl.stages.keeper import Keeper
+from romgrl.pipeline import run as pipeline
+from romgrl.pipeline import worker
+from romgrl.runtime.stage_log import SilentLog
+from romgrl.stages.training.checkpoints import Keeper
 from tests.conftest import Composer
 from tests.faults.injection import Faults
 from tests.faults.trainings import Recorder, files, train, training

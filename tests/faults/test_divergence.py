@@ -14,7 +14,7 @@ from romgrl.algorithms.discriminator import Discriminator
 from romgrl.algorithms.ppo import PPO
 from romgrl.algorithms.sac import SAC
 from romgrl.artifacts import load_tensors
-from romgrl.checkpoint import CHECKPOINT, Checkpoints, flatten
+from romgrl.artifacts.checkpoint import CHECKPOINT, Checkpoints, flatten
 from romgrl.errors import DivergenceError
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 from romgrl.rom import _core
@@ -189,7 +189,7 @@ def test_bad_numbers_stop_a_training(
 
 def arm_after(patch: pytest.MonkeyPatch, recorder: Recorder, trigger: Trigger, passes: int) -> list[int]:
     """Arm the trigger at the end of a pass of the loop; returns a list that will hold the step of that pass."""
-    from romgrl.stages.keeper import Keeper
+    from romgrl.stages.training.checkpoints import Keeper
 
     keep, armed = Keeper.keep, list[int]()
 

@@ -15,12 +15,12 @@ from typing import Any
 
 import pytest
 
-from romgrl import journal
-from romgrl.journal import BusyError, Journal, JournalError, Outbox, journals, redacted
-from romgrl.recorder import LOCAL, RecordedRun, Recorder, default_uri
-from romgrl.tracking.__main__ import own_outbox
-from romgrl.tracking.sender import ParentError, Sender
-from romgrl.tracking.store import Store
+from romgrl.tracking import journal
+from romgrl.tracking.journal import BusyError, Journal, JournalError, Outbox, journals, redacted
+from romgrl.tracking.recorder import LOCAL, RecordedRun, Recorder, default_uri
+from romgrl.tracking.sending.__main__ import own_outbox
+from romgrl.tracking.sending.sender import ParentError, Sender
+from romgrl.tracking.sending.store import Store
 from tests.faults.runs import FILES, Told, differences, stored
 from tests.limits import wait_until
 

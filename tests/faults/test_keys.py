@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from romgrl import keys, pretrained, sources
-from romgrl.config import Config
-from romgrl.humanoid.human import human_spec
-from romgrl.keys import LABELS, STAGES, stage_key
-from romgrl.validation import schema_keys, value_of
+from romgrl.config.schema import Config
+from romgrl.config.values import schema_keys, value_of
+from romgrl.humanoid.own_body import human_spec
+from romgrl.provenance import shipped, source_digest, stage_keys
+from romgrl.provenance.stage_keys import LABELS, STAGES, stage_key
 from tests.conftest import Composer
 from tests.pipeline.test_config import with_value
 from tests.pipeline.test_keys import all_keys, different
@@ -31,7 +31,7 @@ def test_every_leaf_is_semantic_or_cosmetic(
 ) -> None:
     """Each leaf changed in turn: a new key for at least one stage, or the same keys for all if it is cosmetic."""
     config = compose_config()
-    monkeypatch.setattr(pretrained, "PLACE", write_shipped(tmp_path / "shipped", config))
+    monkeypatch.setattr(shipped, "PLACE", write_shipped(tmp_path / "shipped", config))
     before = all_keys(config)
     right = {"semantic": 0, "cosmetic": 0}
     for key in schema_keys():
@@ -59,35 +59,35 @@ def copied(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     shutil.copytree(ROOT / "cpp", tmp_path / "cpp")
     for name in STAGES:
         module = STAGES[name].function.partition(":")[0]
-        for extension in [n for n, path in sources.source_files(module).items() if path.suffix == ".so"]:
+        for extension in [n for n, path in source_digest.source_files(module).items() if path.suffix == ".so"]:
             target = tmp_path.joinpath(*extension.split(".")).with_suffix(".so")
-            shutil.copy(sources.source_files(module)[extension], target)
-    monkeypatch.setattr(sources, "extension", lambda name: tmp_path.joinpath(*name.split(".")).with_suffix(".so"))
-    monkeypatch.setattr(keys, "source_digest", lambda entry: fresh_digest(entry, tmp_path))
+            shutil.copy(source_digest.source_files(module)[extension], target)
+    monkeypatch.setattr(source_digest, "extension", lambda name: tmp_path.joinpath(*name.split(".")).with_suffix(".so"))
+    monkeypatch.setattr(stage_keys, "source_digest", lambda entry: fresh_digest(entry, tmp_path))
     return tmp_path
 
 
 def fresh_digest(entry: str, root: Path) -> str:
-    return sources.digest(code(entry, root))
+    return source_digest.digest(code(entry, root))
 
 
 def code(entry: str, root: Path) -> dict[str, Path]:
     """The files of a stage in a copy."""
-    modules = (entry.partition(":")[0], "romgrl.worker")
-    found = [sources.source_files(module, root / "romgrl", root / "cpp") for module in modules]
+    modules = (entry.partition(":")[0], "romgrl.pipeline.worker")
+    found = [source_digest.source_files(module, root / "romgrl", root / "cpp") for module in modules]
     return {name: path for files in found for name, path in files.items()}
 
 
 def test_every_file_of_code_counts(copied: Path) -> None:
     """Each Python, C++ and built file that a stage can import, edited in turn: other code for just these stages."""
     used = {stage: code(STAGES[stage].function, copied) for stage in STAGES}
-    before = {stage: sources.digest(used[stage]) for stage in STAGES}
+    before = {stage: source_digest.digest(used[stage]) for stage in STAGES}
     files = sorted({file for stage in STAGES for file in used[stage].values()})
     for file in files:
         content = file.read_bytes()
         file.write_bytes(content + b"\n")
         for stage in STAGES:
-            assert (sources.digest(used[stage]) != before[stage]) == (file in used[stage].values()), (stage, file)
+            assert (source_digest.digest(used[stage]) != before[stage]) == (file in used[stage].values()), (stage, file)
         file.write_bytes(content)
     kinds = {kind: sum(file.suffix in suffixes for file in files) for kind, suffixes in KINDS.items()}
     print(f"{len(files)} files edited in turn: {kinds}, each changes the code of its stages")
@@ -108,13 +108,13 @@ def test_code_versions_and_upstream_artifacts_count(compose_config: Composer, mo
     config = compose_config()
     before = stage_key("reference", config, {"teacher": "a"})
     assert stage_key("reference", config, {"teacher": "b"}) != before
-    monkeypatch.setattr(keys, "source_digest", lambda entry: "other")
+    monkeypatch.setattr(stage_keys, "source_digest", lambda entry: "other")
     assert stage_key("reference", config, {"teacher": "a"}) != before
     monkeypatch.undo()
-    versions = keys.computing_versions()
+    versions = stage_keys.computing_versions()
     assert set(versions) == {"python", "romgrl", "torch", "numpy", "mujoco"}
     for name in versions:
-        monkeypatch.setattr(keys, "computing_versions", lambda name=name: versions | {name: "0.0"})
+        monkeypatch.setattr(stage_keys, "computing_versions", lambda name=name: versions | {name: "0.0"})
         assert stage_key("reference", config, {"teacher": "a"}) != before
     monkeypatch.undo()
     assert stage_key("reference", config, {"teacher": "a"}) == before

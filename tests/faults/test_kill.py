@@ -14,7 +14,7 @@ import psutil
 import pytest
 
 from romgrl.artifacts import open_artifact
-from romgrl.config import STAGES
+from romgrl.config.schema import STAGES
 from tests.limits import PATIENCE, wait_until
 from tests.pipeline.conftest import start
 

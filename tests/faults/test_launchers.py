@@ -14,11 +14,12 @@ import pytest
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
-from romgrl import cores, sweep
-from romgrl.composition import CONF, register_schema
+from romgrl.artifacts.workspace import CHECKPOINT
+from romgrl.cli.compose import CONF, register_schema
 from romgrl.errors import ConfigurationError
-from romgrl.launch import RUNNING
-from romgrl.workspace import CHECKPOINT
+from romgrl.runtime import cores
+from romgrl.sweeps import callback
+from romgrl.sweeps.launch import RUNNING
 from tests.faults import fake_slurm
 from tests.limits import LONG, PATIENCE, wait_until
 from tests.pipeline.conftest import start, trainings
@@ -30,7 +31,7 @@ pytestmark = pytest.mark.skipif(
 )
 
 
-def sweep_config(*overrides: str) -> sweep.DictConfig:
+def sweep_config(*overrides: str) -> callback.DictConfig:
     """What Hydra composes for a sweep, its own part included."""
     register_schema()
     with initialize_config_dir(str(CONF), version_base="1.3"):
@@ -78,12 +79,12 @@ def test_missing_extras_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
     for launcher, line in lines.items():
         config = sweep_config(f"hydra/launcher={launcher}")
         with monkeypatch.context() as patch:
-            patch.setattr(sweep, "find_spec", lambda name: None)
+            patch.setattr(callback, "find_spec", lambda name: None)
             with pytest.raises(ConfigurationError, match=f"^{re.escape(line)}$"):
-                sweep.check_launcher(config)
+                callback.check_launcher(config)
     monkeypatch.setenv("PATH", "")
     with pytest.raises(ConfigurationError, match="there is no sbatch and srun of Slurm on this machine"):
-        sweep.check_launcher(sweep_config("hydra/launcher=submitit_slurm"))
+        callback.check_launcher(sweep_config("hydra/launcher=submitit_slurm"))
 
 
 def test_jobs_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -102,11 +103,11 @@ def test_jobs_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
         ("submitit_slurm", 5): 1,
     }
     for (launcher, jobs), expected in cases.items():
-        launch = sweep.plan_launch(sweep_config(*f"hydra/launcher={launcher}".split()), jobs)
+        launch = callback.plan_launch(sweep_config(*f"hydra/launcher={launcher}".split()), jobs)
         assert launch is not None
         assert launch.at_once == expected, launcher
     for launcher in ([], ["hydra/launcher=joblib", "hydra.launcher.n_jobs=1"]):
-        assert sweep.plan_launch(sweep_config(*launcher), 5) is None
+        assert callback.plan_launch(sweep_config(*launcher), 5) is None
     assert cores.available_cores() == 8
     monkeypatch.setenv("SLURM_CPUS_PER_TASK", "3")
     assert cores.available_cores() == 3

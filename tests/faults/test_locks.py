@@ -18,13 +18,13 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from romgrl import pipeline
 from romgrl.artifacts import open_artifact
-from romgrl.config import Config
-from romgrl.keys import stage_key
-from romgrl.locks import Owner, exclusive, waited_for
-from romgrl.worker import working_lock
-from romgrl.workspace import Workspace
+from romgrl.artifacts.locks import Owner, exclusive, waited_for
+from romgrl.artifacts.workspace import Workspace
+from romgrl.config.schema import Config
+from romgrl.pipeline import run as pipeline
+from romgrl.pipeline.worker import working_lock
+from romgrl.provenance.stage_keys import stage_key
 from tests.limits import LONG, PATIENCE, wait_until
 from tests.pipeline import fake_stages
 from tests.pipeline.conftest import start, trainings
@@ -32,7 +32,7 @@ from tests.pipeline.test_side_by_side import TWO, children
 
 PROCESSES, ROUNDS = 8, 20
 CONTEXT = multiprocessing.get_context("forkserver")
-CONTEXT.set_forkserver_preload(["torch", "romgrl.pipeline", "tests.pipeline.fake_stages"])
+CONTEXT.set_forkserver_preload(["torch", "romgrl.pipeline.run", "tests.pipeline.fake_stages"])
 
 
 @pytest.fixture

@@ -9,11 +9,11 @@ from typing import Any
 import pytest
 from mlflow.exceptions import MlflowException
 
-from romgrl.addresses import sqlite_address
-from romgrl.journal import Outbox, journals
+from romgrl.config.addresses import sqlite_address
 from romgrl.tracking import syncing
-from romgrl.tracking.sender import Sender
-from romgrl.tracking.store import Store
+from romgrl.tracking.journal import Outbox, journals
+from romgrl.tracking.sending.sender import Sender
+from romgrl.tracking.sending.store import Store
 from tests.faults.test_journal import journaled
 from tests.faults.test_refusals import Picky, refused, stored
 

@@ -15,14 +15,14 @@ import torch
 
 from romgrl.algorithms import ppo, sac
 from romgrl.artifacts import load_tensors, save_arrays, save_tensors
-from romgrl.config import Config
+from romgrl.config.schema import Config
 from romgrl.errors import ArtifactError
 from romgrl.gait.features import CHANNELS
 from romgrl.humanoid import model
-from romgrl.progress import SilentLog
+from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import evaluation, reference, report, student
-from romgrl.stages.inputs import DISTANCE_COLUMNS
-from romgrl.stages.walkers import humanoid_model
+from romgrl.stages.wiring.inputs import DISTANCE_COLUMNS
+from romgrl.stages.wiring.worlds import humanoid_model
 from tests.gait.synthetic import DT, run
 from tests.walkers import write_walker
 

@@ -13,13 +13,13 @@ import pytest
 import requests
 from mlflow.exceptions import MlflowException, RestException
 
-from romgrl.journal import Outbox, journal_directory, journals
-from romgrl.recorder import Recorder, default_uri
-from romgrl.tracking.failures import ExperimentError, explained
-from romgrl.tracking.fetching import find
-from romgrl.tracking.files import FILES_TAG
-from romgrl.tracking.sender import Sender
-from romgrl.tracking.store import Store
+from romgrl.tracking.journal import Outbox, journal_directory, journals
+from romgrl.tracking.recorder import Recorder, default_uri
+from romgrl.tracking.sending.failures import ExperimentError, explained
+from romgrl.tracking.sending.fetching import find
+from romgrl.tracking.sending.files import FILES_TAG
+from romgrl.tracking.sending.sender import Sender
+from romgrl.tracking.sending.store import Store
 from romgrl.tracking.syncing import Sync, send_all
 from tests.faults.runs import FILES, differences, stored
 from tests.faults.test_journal import journaled, tell
@@ -372,7 +372,7 @@ def test_a_job_does_not_wait_for_the_id_of_a_run_that_is_never_made(outputs: Pat
 def test_a_job_does_not_wait_for_ever_for_a_process_that_is_at_work(
     outputs: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("romgrl.tracking_process.LONGEST_SECONDS", 0.5)
+    monkeypatch.setattr("romgrl.tracking.process.LONGEST_SECONDS", 0.5)
     recorder = Recorder(default_uri(outputs), "romgrl", outputs)
     assert recorder.process is not None
     assert not recorder.process.wait(lambda: False)

@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from romgrl.checkpoint import CHECKPOINT, Checkpoints, flatten, nest
-from romgrl.config import Config
-from romgrl.interruption import Interrupted
+from romgrl.artifacts.checkpoint import CHECKPOINT, Checkpoints, flatten, nest
+from romgrl.config.schema import Config
+from romgrl.runtime.signals import Interrupted
 from romgrl.stages import student
-from romgrl.stages.keeper import Keeper
-from romgrl.stages.tally import EpisodeTally
+from romgrl.stages.training.checkpoints import Keeper
+from romgrl.stages.training.student_statistics import EpisodeTally
 from tests.conftest import Composer
 from tests.faults.trainings import TOTAL, Recorder, digest, files, train, training
 

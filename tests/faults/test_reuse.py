@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from mlflow.entities import Run
 
-from romgrl.config import STAGES
+from romgrl.config.schema import STAGES
 from tests.conftest import Command
 from tests.pipeline.conftest import trainings
 from tests.pipeline.test_tracking import all_runs

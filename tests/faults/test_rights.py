@@ -14,13 +14,13 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from romgrl import pipeline
 from romgrl.artifacts import rights, setting_aside
+from romgrl.artifacts.locks import Owner, exclusive, lock_path
 from romgrl.artifacts.rights import require_right
-from romgrl.config import Config
+from romgrl.config.schema import Config
 from romgrl.errors import ArtifactError, ConfigurationError
-from romgrl.locks import Owner, exclusive, lock_path
-from romgrl.watching import film_directory
+from romgrl.pipeline import run as pipeline
+from romgrl.pipeline.watch import film_directory
 from tests.limits import PATIENCE
 from tests.pipeline.conftest import start, trainings
 

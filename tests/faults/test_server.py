@@ -21,9 +21,9 @@ from mlflow.entities import Run
 from sqlalchemy import create_engine, inspect
 
 from romgrl.artifacts import open_artifact
-from romgrl.keys import STAGES
-from romgrl.recorder import open_recorder, sync
-from romgrl.tracking_process import BLOCKED_SECONDS
+from romgrl.provenance.stage_keys import STAGES
+from romgrl.tracking.process import BLOCKED_SECONDS
+from romgrl.tracking.recorder import open_recorder, sync
 from tests.faults.ports import free_port
 from tests.faults.servers import mlflow_server, postgresql
 from tests.limits import PATIENCE, SLACK

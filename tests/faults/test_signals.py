@@ -12,8 +12,8 @@ from pathlib import Path
 import psutil
 import pytest
 
-from romgrl.checkpoint import CHECKPOINT
-from romgrl.interruption import SIGNALS
+from romgrl.artifacts.checkpoint import CHECKPOINT
+from romgrl.runtime.signals import SIGNALS
 from tests.limits import PATIENCE, wait_until
 from tests.pipeline.conftest import start
 

@@ -11,9 +11,10 @@ from threading import Event
 
 import pytest
 
-from romgrl import cores, provenance, surroundings
 from romgrl.errors import TrackingError
-from romgrl.recorder import Recorder, default_uri, sync, ui_command
+from romgrl.provenance import versions
+from romgrl.runtime import cores, surroundings
+from romgrl.tracking.recorder import Recorder, default_uri, sync, ui_command
 from tests.conftest import Command
 from tests.limits import wait_until
 from tests.pipeline.conftest import ROOT
@@ -175,38 +176,38 @@ def helper(directory: Path, name: str, script: str) -> Path:
 
 
 def test_a_git_that_does_not_work_costs_the_revision_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(provenance, "git_hung", Event())
+    monkeypatch.setattr(versions, "git_hung", Event())
     monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
-    monkeypatch.setattr(provenance, "root_of_sources", lambda: tmp_path)
+    monkeypatch.setattr(versions, "root_of_sources", lambda: tmp_path)
     (tmp_path / ".git").mkdir()
     helper(tmp_path, "git", "echo 'fatal: detected dubious ownership' >&2; exit 128")
-    assert provenance.git_state() == (None, None)
+    assert versions.git_state() == (None, None)
     helper(tmp_path, "git", "printf '\\377'")
-    assert provenance.git_state() == (None, None)
+    assert versions.git_state() == (None, None)
     asked: list[list[str]] = []
 
     def hang(command: list[str], **options: object) -> None:
         asked.append(command)
-        raise subprocess.TimeoutExpired(command, provenance.GIT_SECONDS)
+        raise subprocess.TimeoutExpired(command, versions.GIT_SECONDS)
 
     with monkeypatch.context() as patched:
-        patched.setattr(provenance.subprocess, "run", hang)
-        assert provenance.git_state() == provenance.git_state() == (None, None)
+        patched.setattr(versions.subprocess, "run", hang)
+        assert versions.git_state() == versions.git_state() == (None, None)
     assert len(asked) == 1  # not once per stage
-    monkeypatch.setattr(provenance, "git_hung", Event())
+    monkeypatch.setattr(versions, "git_hung", Event())
     (tmp_path / "git").unlink()
     monkeypatch.setenv("PATH", "")
-    assert provenance.git_state() == (None, None)
+    assert versions.git_state() == (None, None)
 
 
 def test_the_revision_is_that_of_the_sources(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A hook of git's sets GIT_DIR to the repository that it runs in."""
     if not (ROOT / ".git").exists():
         pytest.skip("no checkout")
-    here = provenance.git_state()[0]
+    here = versions.git_state()[0]
     subprocess.run(["git", "init", "-q", str(tmp_path)], check=True)
     monkeypatch.setenv("GIT_DIR", str(tmp_path / ".git"))
-    assert provenance.git_state()[0] == here
+    assert versions.git_state()[0] == here
 
 
 def test_another_mlflow_on_the_path_is_not_recommended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -223,6 +224,7 @@ def test_another_mlflow_on_the_path_is_not_recommended(tmp_path: Path, monkeypat
 def test_what_is_left_is_brought_or_the_proxy_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "journal").mkdir()
     (tmp_path / "journal" / "1.jsonl").touch()
-    monkeypatch.setattr("romgrl.recorder.TrackingProcess.join", lambda self: setattr(self, "failure", "refused"))
+    join = "romgrl.tracking.recorder.TrackingProcess.join"
+    monkeypatch.setattr(join, lambda self: setattr(self, "failure", "refused"))
     with pytest.raises(TrackingError, match=r"refused; mlflow\.example is asked through the proxy 127"):
         sync("http://mlflow.example", tmp_path)

@@ -17,9 +17,9 @@ from pathlib import Path
 import pytest
 
 from romgrl.errors import TrackingError
-from romgrl.journal import journals
-from romgrl.recorder import Recorder, default_uri, open_recorder, sync, ui_command
-from romgrl.tracking_process import BLOCKED_SECONDS
+from romgrl.tracking.journal import journals
+from romgrl.tracking.process import BLOCKED_SECONDS
+from romgrl.tracking.recorder import Recorder, default_uri, open_recorder, sync, ui_command
 from tests.faults.ports import free_port
 from tests.faults.runs import FILES, Told, differences, stored
 from tests.faults.tcp_proxy import Proxy
@@ -279,7 +279,7 @@ def test_the_process_of_mlflow_stands_still(
 JOB = """
 import os, signal, sys, time
 from pathlib import Path
-from romgrl.recorder import open_recorder
+from romgrl.tracking.recorder import open_recorder
 from tests.faults.runs import Told
 recorder = open_recorder(sys.argv[1], sys.argv[2], Path(sys.argv[3]), enabled=True)
 told = Told(recorder, Path(sys.argv[3]) / "published")

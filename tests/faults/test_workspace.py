@@ -13,12 +13,14 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from romgrl import job, keys, pipeline, workspace
-from romgrl.artifacts import open_artifact
-from romgrl.checkpoint import CHECKPOINT
-from romgrl.config import Config
+from romgrl.artifacts import open_artifact, workspace
+from romgrl.artifacts.checkpoint import CHECKPOINT
+from romgrl.config.schema import Config
 from romgrl.errors import DivergenceError
-from romgrl.progress import StageLog
+from romgrl.pipeline import job
+from romgrl.pipeline import run as pipeline
+from romgrl.provenance import stage_keys
+from romgrl.runtime.stage_log import StageLog
 
 
 class Killed(BaseException):
@@ -41,9 +43,9 @@ def counting(config: Config, inputs: dict[str, Path], output: Path, log: StageLo
 
 @pytest.fixture
 def teacher(smoke_config: Config, monkeypatch: pytest.MonkeyPatch) -> Config:
-    stage = keys.STAGES["teacher"]
-    fake = keys.Stage("tests.faults.test_workspace:counting", stage.upstream, stage.depends)
-    monkeypatch.setitem(keys.STAGES, "teacher", fake)
+    stage = stage_keys.STAGES["teacher"]
+    fake = stage_keys.Stage("tests.faults.test_workspace:counting", stage.upstream, stage.depends)
+    monkeypatch.setitem(stage_keys.STAGES, "teacher", fake)
     return replace(smoke_config, stage="teacher", tracking=replace(smoke_config.tracking, enabled=False))
 
 

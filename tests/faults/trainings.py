@@ -13,13 +13,15 @@ import numpy as np
 import pytest
 import torch
 
-from romgrl import interruption, worker
 from romgrl.artifacts import save_arrays
-from romgrl.checkpoint import flatten
-from romgrl.config import Config
-from romgrl.progress import TerminalLog
-from romgrl.stages import selection, student, teacher
-from romgrl.stages.keeper import Keeper
+from romgrl.artifacts.checkpoint import flatten
+from romgrl.config.schema import Config
+from romgrl.pipeline import worker
+from romgrl.runtime import signals
+from romgrl.runtime.stage_log import TerminalLog
+from romgrl.stages import student, teacher
+from romgrl.stages.training import policy_selection
+from romgrl.stages.training.checkpoints import Keeper
 from tests.conftest import Composer
 
 TEACHER = (
@@ -90,22 +92,22 @@ class Recorder:
             self.state = digest({name: part.state() for name, part in keeper._parts.items()} | rows(keeper))
             if self.cut is not None and step >= self.cut:
                 self.cut = None
-                interruption._answer(signal.SIGTERM, None)
+                signals._answer(signal.SIGTERM, None)
             keep(keeper, step)
 
         patch.setattr(Keeper, "keep", watched)
-        patch.setattr(interruption, "_pending", None)
-        patch.setattr(interruption, "_once", False)
+        patch.setattr(signals, "_pending", None)
+        patch.setattr(signals, "_once", False)
         patch.setattr(teacher, "CHECK_EPISODES", 2)
         patch.setattr(teacher, "CHECK_STEPS", 60)
         patch.setattr(student, "LOG_INTERVAL", 64)
-        patch.setattr(selection, "EPISODES", 4)
-        patch.setattr(selection, "STEPS", 30)
+        patch.setattr(policy_selection, "EPISODES", 4)
+        patch.setattr(policy_selection, "STEPS", 30)
         self.patch, self.load = patch, load
 
     def again(self) -> None:
         """Forget the signal, as a new process does."""
-        self.patch.setattr(interruption, "_pending", None)
+        self.patch.setattr(signals, "_pending", None)
         self.steps = []
 
 

@@ -13,14 +13,14 @@ import pytest
 from numpy.typing import NDArray
 
 from romgrl.artifacts import load_arrays, save_arrays
-from romgrl.config import Config
+from romgrl.config.schema import Config
 from romgrl.errors import ArtifactError, ConfigurationError
+from romgrl.humanoid.joint_power import replay
 from romgrl.humanoid.model import build, dimensions, fingerprint
-from romgrl.humanoid.replay import replay
-from romgrl.progress import SilentLog
+from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import evaluation
-from romgrl.stages.inputs import DISTANCE_COLUMNS
-from romgrl.stages.walkers import humanoid_model
+from romgrl.stages.wiring.inputs import DISTANCE_COLUMNS
+from romgrl.stages.wiring.worlds import humanoid_model
 from tests.gait.synthetic import DT, run
 from tests.walkers import write_walker
 

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from romgrl.gait import human
+from romgrl.gait import human_bands
 from romgrl.gait.metrics import GRAVITY
 
 MEASURES = {"stride_frequency_hz", "stride_length_m", "duty_factor", "pelvis_excursion_m"}
@@ -20,14 +20,14 @@ ROW = {
 
 @pytest.mark.parametrize("speed", [1.0, 1.4, 2.5, 4.0])
 def test_every_speed_has_every_measure_with_a_source(speed: float) -> None:
-    bands = human.bands(speed)
+    bands = human_bands.bands(speed)
     assert set(bands) == MEASURES
     assert all(0 < band.low < band.high and band.source for band in bands.values())
 
 
 @pytest.mark.parametrize("speed", [1.0, 1.2, 1.4, 2.5, 3.0, 4.0])
 def test_stride_length_is_speed_over_stride_frequency(speed: float) -> None:
-    bands = human.bands(speed)
+    bands = human_bands.bands(speed)
     rate, length = bands["stride_frequency_hz"], bands["stride_length_m"]
     assert length.low == pytest.approx(speed / rate.high, rel=0.03)
     assert length.high == pytest.approx(speed / rate.low, rel=0.03)
@@ -36,7 +36,7 @@ def test_stride_length_is_speed_over_stride_frequency(speed: float) -> None:
 @pytest.mark.parametrize("speed", [2.5, 4.0])
 def test_excursion_of_a_run_agrees_with_mechanics(speed: float) -> None:
     """Sine-wave method (Morin et al. 2005): F_max = m g pi/2 (t_f/t_c + 1), stance F_max t_c^2/(m pi^2) - g t_c^2/8."""
-    bands = human.bands(speed)
+    bands = human_bands.bands(speed)
     rate = sum((bands["stride_frequency_hz"].low, bands["stride_frequency_hz"].high)) / 2
     duty = sum((bands["duty_factor"].low, bands["duty_factor"].high)) / 2
     contact = duty / rate
@@ -47,34 +47,34 @@ def test_excursion_of_a_run_agrees_with_mechanics(speed: float) -> None:
 
 
 def test_a_walk_has_double_support_and_a_run_has_flight() -> None:
-    for band in human.table():
+    for band in human_bands.table():
         if band.measure == "duty_factor":
             assert (band.low > 0.5) if band.gait == "walk" else (band.high < 0.5)
 
 
 def test_between_two_speeds_a_band_is_interpolated() -> None:
-    slow, fast, middle = (human.bands(speed)["duty_factor"] for speed in (2.5, 4.0, 3.25))
+    slow, fast, middle = (human_bands.bands(speed)["duty_factor"] for speed in (2.5, 4.0, 3.25))
     assert middle.low == pytest.approx((slow.low + fast.low) / 2)
     assert middle.high == pytest.approx((slow.high + fast.high) / 2)
 
 
 @pytest.mark.parametrize("speed", [0.5, 1.9, 5.0])
 def test_there_is_no_band_where_nothing_is_known(speed: float) -> None:
-    assert human.bands(speed) == {}
-    assert human.verdict(ROW, speed) == f"no human bands at {speed:g} m/s"
+    assert human_bands.bands(speed) == {}
+    assert human_bands.verdict(ROW, speed) == f"no human bands at {speed:g} m/s"
 
 
 def test_a_human_run_is_in_all_bands() -> None:
-    assert human.outside(ROW, 4.0) == {}
-    assert human.verdict(ROW, 4.0).startswith("in all human bands")
+    assert human_bands.outside(ROW, 4.0) == {}
+    assert human_bands.verdict(ROW, 4.0).startswith("in all human bands")
 
 
 def test_a_number_outside_is_named_with_its_band() -> None:
     quick = ROW | {"stride_frequency_hz": 2.16, "duty_factor": math.nan}
-    assert set(human.outside(quick, 4.0)) == {"stride_frequency_hz", "stride_length_m", "duty_factor"}
-    assert "stride_frequency_hz 2.16 (1.35 to 1.6)" in human.verdict(quick, 4.0)
+    assert set(human_bands.outside(quick, 4.0)) == {"stride_frequency_hz", "stride_length_m", "duty_factor"}
+    assert "stride_frequency_hz 2.16 (1.35 to 1.6)" in human_bands.verdict(quick, 4.0)
 
 
 def test_nothing_that_strides_has_no_stride_length() -> None:
-    assert math.isnan(human.stride_length(ROW | {"stride_frequency_hz": 0.0}))
-    assert math.isnan(human.stride_length(ROW | {"stride_frequency_hz": math.nan}))
+    assert math.isnan(human_bands.stride_length(ROW | {"stride_frequency_hz": 0.0}))
+    assert math.isnan(human_bands.stride_length(ROW | {"stride_frequency_hz": math.nan}))

@@ -4,9 +4,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from romgrl.humanoid.imitation import ANGLE, FASTEST, follow, reference_bank
 from romgrl.humanoid.model import build, lowest_point
-from romgrl.humanoid.observer import GAIT_FEATURES, PlanarObserver
+from romgrl.humanoid.planar_observer import GAIT_FEATURES, PlanarObserver
+from romgrl.humanoid.reference_states import ANGLE, FASTEST, follow, reference_bank
 from romgrl.humanoid.skeleton import mirror_joints
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 

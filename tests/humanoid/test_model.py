@@ -11,9 +11,9 @@ import pytest
 
 from romgrl.errors import ConfigurationError
 from romgrl.humanoid.anthropometry import DE_LEVA, MASS_SHARES, mass_fraction
-from romgrl.humanoid.human import human_spec
 from romgrl.humanoid.model import build, dimensions
-from romgrl.humanoid.planar import hold_in_plane
+from romgrl.humanoid.own_body import human_spec
+from romgrl.humanoid.sagittal_plane import hold_in_plane
 from romgrl.humanoid.skeleton import BODIES, HINGES, PARENTS, mirror_joints, other_side
 from tests.humanoid.files import humenv_xml
 

@@ -11,7 +11,7 @@ import pytest
 
 from romgrl.humanoid.model import build, dimensions
 from romgrl.humanoid.observation import OBSERVATION_SIZE, observe, varying_columns
-from romgrl.humanoid.observer import FASTEST, GAIT_FEATURES, TRUNK_LEAN, PlanarObserver
+from romgrl.humanoid.planar_observer import FASTEST, GAIT_FEATURES, TRUNK_LEAN, PlanarObserver
 from romgrl.humanoid.skeleton import BODIES, mirror_action, mirror_joints, mirror_observation
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 from tests.humanoid.files import humenv_cases, humenv_xml

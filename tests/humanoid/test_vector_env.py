@@ -12,8 +12,8 @@ import pytest
 
 from romgrl.humanoid import task
 from romgrl.humanoid.model import build, lowest_point
-from romgrl.humanoid.observer import HEAD_HEIGHT, PELVIS_HEIGHT, TRUNK_LEAN
-from romgrl.humanoid.reset import build_bank
+from romgrl.humanoid.planar_observer import HEAD_HEIGHT, PELVIS_HEIGHT, TRUNK_LEAN
+from romgrl.humanoid.start_states import build_bank
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 
 NO_FALL = {"fall_pelvis_height": 0.0, "fall_head_height": 0.0, "fall_trunk_lean": 9.0}

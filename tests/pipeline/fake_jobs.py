@@ -8,11 +8,11 @@ from typing import Any
 from hydra.experimental.callback import Callback
 from omegaconf import DictConfig
 
-from romgrl import targets
+from romgrl.cli import allowlist
 from tests.pipeline import fake_stages
 
 TARGET = "tests.pipeline.fake_jobs.Fakes"
-targets.TARGETS = (*targets.TARGETS, TARGET)
+allowlist.TARGETS = (*allowlist.TARGETS, TARGET)
 
 
 class Fakes(Callback):

@@ -11,11 +11,12 @@ from pathlib import Path
 import numpy as np
 from safetensors.numpy import save
 
-from romgrl import keys, worker
 from romgrl.artifacts import save_arrays, write_bytes
-from romgrl.config import Config
+from romgrl.config.schema import Config
 from romgrl.errors import DivergenceError
-from romgrl.progress import StageLog
+from romgrl.pipeline import worker
+from romgrl.provenance import stage_keys
+from romgrl.runtime.stage_log import StageLog
 from tests.limits import wait_until
 
 
@@ -70,8 +71,8 @@ def wait_for(path: Path, lines: int) -> None:
 
 def install() -> None:
     """Put the fake in the place of every stage."""
-    for name, stage in keys.STAGES.items():
-        keys.STAGES[name] = keys.Stage("tests.pipeline.fake_stages:run", stage.upstream, stage.depends)
+    for name, stage in stage_keys.STAGES.items():
+        stage_keys.STAGES[name] = stage_keys.Stage("tests.pipeline.fake_stages:run", stage.upstream, stage.depends)
 
 
 def do_without_torch() -> None:

@@ -11,8 +11,8 @@ from hydra.errors import HydraException
 from hydra.types import RunMode
 from omegaconf import OmegaConf
 
-from romgrl.composition import CONF, register_schema
-from romgrl.targets import GuardedLoader
+from romgrl.cli.allowlist import GuardedLoader
+from romgrl.cli.compose import CONF, register_schema
 
 JOBS = [
     *(["stage=teacher", f"seed={seed}"] for seed in range(5)),

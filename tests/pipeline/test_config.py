@@ -14,15 +14,15 @@ from hydra._internal.config_loader_impl import ConfigLoaderImpl
 from hydra.core.global_hydra import GlobalHydra
 from omegaconf import OmegaConf
 
-from romgrl import config_docs, misfits
-from romgrl.command_line import faults
-from romgrl.composition import CONF, to_config
-from romgrl.config import OPTIONAL_STAGES, STAGES, Config
+from romgrl.cli import consistency, reference_page
+from romgrl.cli.arguments import faults
+from romgrl.cli.compose import CONF, to_config
+from romgrl.cli.consistency import validate
+from romgrl.config.schema import OPTIONAL_STAGES, STAGES, Config
+from romgrl.config.values import schema_groups, schema_keys, value_of
 from romgrl.errors import ConfigurationError
-from romgrl.humanoid.human import human_spec
-from romgrl.misfits import validate
-from romgrl.sweep import note_sweep
-from romgrl.validation import schema_groups, schema_keys, value_of
+from romgrl.humanoid.own_body import human_spec
+from romgrl.sweeps.callback import note_sweep
 from tests.conftest import Composer
 from tests.pipeline.conftest import ROOT, Command
 
@@ -153,13 +153,13 @@ def test_refusals(override: str) -> None:
 def test_cuda_is_refused_where_there_is_none(
     compose_config: Composer, monkeypatch: pytest.MonkeyPatch, found: bool
 ) -> None:
-    monkeypatch.setattr(misfits, "cuda_available", lambda: found)
+    monkeypatch.setattr(consistency, "cuda_available", lambda: found)
     line = "device: cuda is not allowed; allowed: cpu (no CUDA device was found)"
     with nullcontext() if found else pytest.raises(ConfigurationError, match=f"^{re.escape(line)}$"):
         validate(compose_config("device=cuda"))
 
 
-@pytest.mark.skipif(misfits.cuda_available(), reason="there is a CUDA device")
+@pytest.mark.skipif(consistency.cuda_available(), reason="there is a CUDA device")
 def test_the_command_line_refuses_cuda_before_any_work(command: Command, tmp_path: Path) -> None:
     result = command("device=cuda")
     assert (result.returncode, result.stdout) == (2, "")
@@ -192,14 +192,14 @@ def test_command_line_refuses_before_any_work(
 
 def test_reference_page_is_up_to_date() -> None:
     """`make docs` writes it."""
-    assert config_docs.PAGE.read_text(encoding="utf-8") == config_docs.render()
+    assert reference_page.PAGE.read_text(encoding="utf-8") == reference_page.render()
 
 
 def test_stages_of_the_schema_are_those_of_the_graph() -> None:
-    from romgrl import keys
+    from romgrl.provenance import stage_keys
 
-    assert tuple(keys.STAGES) == STAGES + OPTIONAL_STAGES
-    assert not any(set(keys.STAGES[stage].upstream) & set(OPTIONAL_STAGES) for stage in keys.STAGES)
+    assert tuple(stage_keys.STAGES) == STAGES + OPTIONAL_STAGES
+    assert not any(set(stage_keys.STAGES[stage].upstream) & set(OPTIONAL_STAGES) for stage in stage_keys.STAGES)
 
 
 @pytest.mark.parametrize(("name", "teacher"), [("walking", "walking"), ("paper", "running"), ("teacher", "running")])

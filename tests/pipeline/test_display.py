@@ -17,17 +17,18 @@ from typing import Any
 
 import pytest
 
-from romgrl import display, targets
 from romgrl.artifacts import storage_faults
-from romgrl.display import Guarded
-from romgrl.launch import Labelled
+from romgrl.cli import allowlist
+from romgrl.runtime import display
+from romgrl.runtime.display import Guarded
+from romgrl.sweeps.launch import Labelled
 from tests.limits import LONG, PATIENCE, wait_until
 from tests.pipeline.conftest import ROOT, Command
 
 SAY = """
 import os, subprocess, sys
 sys.path.insert(0, {root!r})
-from romgrl.display import protect
+from romgrl.runtime.display import protect
 protect()
 file = open({file!r}, "w", encoding="utf-8")
 subprocess.run(["echo", "of a child"])
@@ -196,7 +197,7 @@ def test_a_callback_that_fails_is_no_warning() -> None:
     """Hydra makes one of it, and the sweep ends with 0."""
     import hydra._internal.hydra
 
-    targets.guard()
+    allowlist.guard()
     callbacks = hydra._internal.hydra.Callbacks(None)
     callbacks.callbacks = [Failing()]
     with pytest.raises(ValueError, match="of the callback"):

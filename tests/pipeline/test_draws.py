@@ -7,10 +7,10 @@ import pytest
 from hydra import compose, initialize_config_dir
 from scipy.stats import kstest
 
-from romgrl.composition import CONF, to_config
-from romgrl.config import Config
-from romgrl.draws import draw
-from romgrl.misfits import validate
+from romgrl.cli.compose import CONF, to_config
+from romgrl.cli.consistency import validate
+from romgrl.cli.search_space import draw
+from romgrl.config.schema import Config
 from tests.conftest import Composer
 from tests.pipeline.conftest import ROOT, Command
 

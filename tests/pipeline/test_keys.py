@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from romgrl.config import Config
+from romgrl.config.schema import Config
 from romgrl.errors import ArtifactError
 from romgrl.humanoid.digest import stable
-from romgrl.humanoid.human import human_spec
-from romgrl.keys import STAGES, body_digests, require_same_body, stage_key
+from romgrl.humanoid.own_body import human_spec
+from romgrl.provenance.stage_keys import STAGES, body_digests, require_same_body, stage_key
 from tests.conftest import Composer
 
 ALL = set(STAGES)

@@ -15,10 +15,10 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from romgrl import pipeline
 from romgrl.artifacts import open_artifact
-from romgrl.config import STAGES, Config
+from romgrl.config.schema import STAGES, Config
 from romgrl.errors import ArtifactError, DivergenceError
+from romgrl.pipeline import run as pipeline
 from tests.conftest import Composer
 from tests.limits import LONG, PATIENCE
 from tests.pipeline.conftest import ROOT, Command, start, trainings

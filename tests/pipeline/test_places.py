@@ -13,15 +13,15 @@ import pytest
 from hydra.types import RunMode
 from omegaconf import DictConfig
 
-from romgrl import sweep_directory
-from romgrl.command_line import read_options
-from romgrl.composition import register_schema
+from romgrl.cli.allowlist import GuardedLoader
+from romgrl.cli.arguments import read_options
+from romgrl.cli.compose import register_schema
+from romgrl.cli.hydra_loader import Loader
 from romgrl.errors import ConfigurationError
-from romgrl.launch import FAILURES, RUNNING, STOPPING, Launch
-from romgrl.loading import Loader
-from romgrl.results.sweeps import sweeps, write_sweep
-from romgrl.sweep_directory import claim, made_anew
-from romgrl.targets import GuardedLoader
+from romgrl.results.sweep_record import sweeps, write_sweep
+from romgrl.sweeps import sweep_directory
+from romgrl.sweeps.launch import FAILURES, RUNNING, STOPPING, Launch
+from romgrl.sweeps.sweep_directory import claim, made_anew
 from tests.limits import PATIENCE
 from tests.pipeline.conftest import Command, start
 

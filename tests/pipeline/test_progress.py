@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from romgrl import progress
-from romgrl.progress import TerminalLog, format_duration, make_bars, make_console
+from romgrl.runtime import stage_log
+from romgrl.runtime.stage_log import TerminalLog, format_duration, make_bars, make_console
 
 
 def test_curve_widens_when_a_metric_appears(tmp_path: Path) -> None:
@@ -77,8 +77,8 @@ def test_no_control_characters_where_there_is_no_terminal(
 ) -> None:
     """Also where CI asks every program for colours."""
     monkeypatch.setenv("FORCE_COLOR", "1")
-    monkeypatch.setattr(progress, "PLAIN_INTERVAL", 0.0)
-    monkeypatch.setattr(progress.time, "monotonic", iter(range(100)).__next__)
+    monkeypatch.setattr(stage_log, "PLAIN_INTERVAL", 0.0)
+    monkeypatch.setattr(stage_log.time, "monotonic", iter(range(100)).__next__)
     bars = make_bars(make_console())
     bars.add_task("sweep", total=3, completed=1, speed="", numbers="job 2")
     with bars, TerminalLog("student", tmp_path, bars=bars) as log:

@@ -18,11 +18,13 @@ import pytest
 from filelock import FileLock
 from rich.console import Console
 
-from romgrl import interruption, keys, pipeline
 from romgrl.artifacts import load_tensors, open_artifact
-from romgrl.config import STAGES, Config
-from romgrl.keys import plan, share_threads, stage_key
-from romgrl.tracking.store import PARENT_TAG
+from romgrl.config.schema import STAGES, Config
+from romgrl.pipeline import run as pipeline
+from romgrl.provenance import stage_keys
+from romgrl.provenance.stage_keys import plan, share_threads, stage_key
+from romgrl.runtime import signals
+from romgrl.tracking.sending.store import PARENT_TAG
 from tests.conftest import Composer
 from tests.limits import LONG, PATIENCE
 from tests.pipeline.conftest import Command, start, trainings
@@ -167,7 +169,7 @@ def children(process: int) -> list[int]:
     listed = subprocess.run(
         ["ps", "-o", "pid=,args=", "--ppid", str(process)], capture_output=True, text=True, encoding="utf-8"
     )
-    return [int(line.split()[0]) for line in listed.stdout.splitlines() if "romgrl.worker" in line]
+    return [int(line.split()[0]) for line in listed.stdout.splitlines() if "romgrl.pipeline.worker" in line]
 
 
 @pytest.mark.parametrize(("number", "to_all"), [(signal.SIGINT, False), (signal.SIGTERM, True), (signal.SIGHUP, False)])
@@ -191,20 +193,20 @@ def test_signals_end_both_in_good_order(tmp_path: Path, number: signal.Signals, 
 def test_a_signal_leaves_no_lock_held(smoke_config: Config, monkeypatch: pytest.MonkeyPatch) -> None:
     """It comes where the thread that waits for the stages holds the lock of one, which its own thread needs to end."""
     monkeypatch.setenv("FAKE_SECONDS", LONG)
-    signals = [signal.SIGINT]
+    sent = [signal.SIGINT]
 
     def interrupted(futures: Collection[Future[None]], *arguments: Any, **named: Any) -> Any:
-        for future in futures if signals else []:
+        for future in futures if sent else []:
             future._condition.acquire()  # type: ignore[attr-defined]
-        if signals:
-            signal.raise_signal(signals.pop())
+        if sent:
+            signal.raise_signal(sent.pop())
             for future in futures:
                 future._condition.release()  # type: ignore[attr-defined]
         return wait(futures, *arguments, **named)
 
     monkeypatch.setattr(pipeline, "wait", interrupted)
     config = replace(smoke_config, threads=2, tracking=replace(smoke_config.tracking, enabled=False))
-    with pytest.raises(interruption.Interrupted):
+    with pytest.raises(signals.Interrupted):
         pipeline.run(config, console=Console(file=io.StringIO()))
 
 
@@ -241,7 +243,8 @@ def test_a_stage_makes_the_same_bits_beside_another(
 ) -> None:
     """The real teacher and baseline with one thread each, in turn and side by side."""
     for stage in ("reference", "student", "evaluation", "report"):
-        monkeypatch.setitem(keys.STAGES, stage, replace(keys.STAGES[stage], function="tests.pipeline.fake_stages:run"))
+        fake = replace(stage_keys.STAGES[stage], function="tests.pipeline.fake_stages:run")
+        monkeypatch.setitem(stage_keys.STAGES, stage, fake)
     policies = []
     for override, parallel in (("threads=1", False), ("threads=2", True)):
         config = compose_config("experiment=smoke", override, "tracking=none", f"paths.outputs={tmp_path}/{parallel}")

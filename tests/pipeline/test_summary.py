@@ -7,7 +7,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from romgrl.summary import result_metrics, result_tables
+from romgrl.report.terminal_tables import result_metrics, result_tables
 
 MSE = """channel,alignment,baseline,student,reduction_percent,note
 pelvis_y,aligned,0.01407,0.00408,71.0,

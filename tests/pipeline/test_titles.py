@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from romgrl.config import Config
-from romgrl.summary import HEADLINE, headline
-from romgrl.titles import job_title, stage_title
+from romgrl.config.schema import Config
+from romgrl.pipeline.run_names import job_title, stage_title
+from romgrl.report.terminal_tables import HEADLINE, headline
 
 
 def test_names_tell_what_differs(smoke_config: Config) -> None:

@@ -17,13 +17,13 @@ from mlflow import MlflowClient
 from mlflow.entities import Run
 from rich.console import Console
 
-from romgrl import pipeline
 from romgrl.artifacts import open_artifact, read_manifest
-from romgrl.config import STAGES, Config
-from romgrl.recorder import NOTE, default_uri, open_recorder, sync
-from romgrl.summary import TRAINING_MINUTES
-from romgrl.tracking.failures import RefusedError
-from romgrl.tracking.store import PARENT_TAG, Store
+from romgrl.config.schema import STAGES, Config
+from romgrl.pipeline import run as pipeline
+from romgrl.report.terminal_tables import TRAINING_MINUTES
+from romgrl.tracking.recorder import NOTE, default_uri, open_recorder, sync
+from romgrl.tracking.sending.failures import RefusedError
+from romgrl.tracking.sending.store import PARENT_TAG, Store
 from tests.limits import PATIENCE, wait_until
 from tests.pipeline.conftest import ROOT, Command, start
 
@@ -128,7 +128,7 @@ def test_interrupted_runs_are_closed(smoke_config: Config, monkeypatch: pytest.M
 @pytest.mark.slow
 def test_four_processes_open_a_fresh_store_at_once(tmp_path: Path) -> None:
     script = (
-        "import sys; from pathlib import Path; from romgrl.recorder import open_recorder;"
+        "import sys; from pathlib import Path; from romgrl.tracking.recorder import open_recorder;"
         "recorder = open_recorder(None, 'romgrl', Path(sys.argv[1]), enabled=True);"
         "run = recorder.start('x', tags={'stage': 'x'}, params={'a': 1}); run.metrics({'m': 1.0}, 1); run.finish();"
         "recorder.close(); sys.exit(run.run_id is None)"

@@ -11,14 +11,21 @@ import pytest
 from omegaconf import OmegaConf
 from sqlalchemy.engine import make_url
 
-from romgrl.addresses import absolute_address, as_typed, in_quotes, sqlite_address, sqlite_path, without_quotes
-from romgrl.command_line import faults, flags_first, read_options
-from romgrl.loading import Loader, stored_sweep
-from romgrl.recorder import default_uri, ui_command
-from romgrl.results.sweeps import settings
-from romgrl.titles import job_title
-from romgrl.typed_text import is_text, quoted
-from romgrl.validation import kind_of, schema_keys, value_of
+from romgrl.cli.arguments import faults, flags_first, read_options
+from romgrl.cli.hydra_loader import Loader, stored_sweep
+from romgrl.cli.typed_text import is_text, quoted
+from romgrl.config.addresses import (
+    absolute_address,
+    as_typed,
+    in_quotes,
+    sqlite_address,
+    sqlite_path,
+    without_quotes,
+)
+from romgrl.config.values import kind_of, schema_keys, value_of
+from romgrl.pipeline.run_names import job_title
+from romgrl.results.sweep_record import settings
+from romgrl.tracking.recorder import default_uri, ui_command
 from tests.conftest import Composer
 
 WORDS = (

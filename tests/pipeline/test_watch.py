@@ -14,15 +14,15 @@ import mujoco.viewer
 import pytest
 from rich.console import Console
 
-from romgrl import pipeline
-from romgrl.config import Config
+from romgrl.config.schema import Config
 from romgrl.errors import ArtifactError
 from romgrl.humanoid import rendering
 from romgrl.humanoid.model import fingerprint
-from romgrl.progress import SilentLog
+from romgrl.pipeline import run as pipeline
+from romgrl.pipeline.watch import newest
+from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import watch
-from romgrl.stages.walkers import humanoid_model
-from romgrl.watching import newest
+from romgrl.stages.wiring.worlds import humanoid_model
 from tests.walkers import write_walker
 
 

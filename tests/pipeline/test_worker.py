@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from romgrl.config import Config
-from romgrl.progress import SilentLog, StageLog
-from romgrl.worker import Worker
+from romgrl.config.schema import Config
+from romgrl.pipeline.worker import Worker
+from romgrl.runtime.stage_log import SilentLog, StageLog
 from tests.limits import PATIENCE
 
 
@@ -68,7 +68,7 @@ def test_a_process_that_does_not_end_is_killed(
     worker: Worker, smoke_config: Config, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It has nothing to do any more; the job has."""
-    monkeypatch.setattr("romgrl.worker.ENDING_SECONDS", 0.1)
+    monkeypatch.setattr("romgrl.pipeline.worker.ENDING_SECONDS", 0.1)
     output = tmp_path / "teacher" / "key.partial"
     output.mkdir(parents=True)
     worker.run("tests.pipeline.test_worker:nothing", smoke_config, {}, output, SilentLog())

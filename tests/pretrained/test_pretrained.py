@@ -11,18 +11,19 @@ from pathlib import Path
 
 import pytest
 
-from romgrl import keys, pipeline, pretrained
 from romgrl.artifacts import open_artifact, read_manifest
-from romgrl.config import Config
+from romgrl.cli.consistency import misfits
+from romgrl.config.schema import Config
 from romgrl.errors import ArtifactError, ConfigurationError
-from romgrl.keys import stage_function, stage_settings
-from romgrl.misfits import misfits
-from romgrl.pretrained import GROUPS, require_shipped
+from romgrl.pipeline import run as pipeline
 from romgrl.pretrained.__main__ import main, write
-from romgrl.progress import SilentLog
+from romgrl.provenance import shipped, stage_keys
+from romgrl.provenance.shipped import GROUPS, require_shipped
+from romgrl.provenance.stage_keys import stage_function, stage_settings
 from romgrl.report.tables import gait_number
+from romgrl.report.terminal_tables import read_rows
+from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import pretrained as stages
-from romgrl.summary import read_rows
 from tests.conftest import Composer
 from tests.pipeline.test_config import with_value
 from tests.pipeline.test_keys import all_keys
@@ -31,16 +32,16 @@ from tests.walkers import write_walker
 
 SMALL = ("experiment=smoke", "stage=evaluation", "tracking=none", "threads=1")
 PRESET = ("student=pretrained", *SMALL)
-PACKAGE = pretrained.PLACE
+PACKAGE = shipped.PLACE
 
 
 @pytest.fixture(scope="module")
 def outputs(compose_config: Composer, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """An evaluation of walkers that have learned nothing, and all that it needs."""
-    found, saved = tmp_path_factory.mktemp("outputs"), dict(keys.STAGES)
+    found, saved = tmp_path_factory.mktemp("outputs"), dict(stage_keys.STAGES)
     untrained.replace_trainings()
     pipeline.run(compose_config(*SMALL, f"paths.outputs={found}"))
-    keys.STAGES.update(saved)
+    stage_keys.STAGES.update(saved)
     return found
 
 
@@ -49,7 +50,7 @@ def place(outputs: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Where the command put what it found there."""
     found = tmp_path_factory.mktemp("package")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(pretrained, "PLACE", found)
+        patch.setattr(shipped, "PLACE", found)
         assert main([str(outputs), "experiment=smoke"]) == 0
     return found
 
@@ -58,17 +59,17 @@ def place(outputs: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def shipped(place: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A copy of what ships, that the package takes for its own."""
     shutil.copytree(place, tmp_path / "package")
-    monkeypatch.setattr(pretrained, "PLACE", tmp_path / "package")
+    monkeypatch.setattr(shipped, "PLACE", tmp_path / "package")
     return tmp_path / "package"
 
 
 @pytest.fixture
 def no_training() -> Iterator[None]:
     """A training fails the test."""
-    saved = dict(keys.STAGES)
+    saved = dict(stage_keys.STAGES)
     untrained.replace_trainings("never")
     yield
-    keys.STAGES.update(saved)
+    stage_keys.STAGES.update(saved)
 
 
 @pytest.fixture

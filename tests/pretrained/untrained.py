@@ -7,16 +7,16 @@ from collections.abc import Mapping
 from contextlib import closing
 from pathlib import Path
 
-from romgrl import keys
 from romgrl.algorithms.ppo import save_policy
 from romgrl.artifacts import Manifest, write_manifest
-from romgrl.config import Config
+from romgrl.config.schema import Config
 from romgrl.humanoid.model import fingerprint
-from romgrl.keys import stage_settings
-from romgrl.pretrained import GROUPS
-from romgrl.progress import StageLog
+from romgrl.provenance import stage_keys
+from romgrl.provenance.shipped import GROUPS
+from romgrl.provenance.stage_keys import stage_settings
+from romgrl.runtime.stage_log import StageLog
 from romgrl.stages.teacher import build_learner
-from romgrl.stages.walkers import humanoid_model, rom_env
+from romgrl.stages.wiring.worlds import humanoid_model, rom_env
 from tests.walkers import write_walker
 
 
@@ -40,8 +40,8 @@ def never(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLo
 def replace_trainings(function: str = "") -> None:
     """Put these functions, or one of them for all, in the place of the trainings."""
     for name in GROUPS:
-        stage = keys.STAGES[name]
-        keys.STAGES[name] = keys.Stage(f"{__name__}:{function or name}", stage.upstream, stage.depends)
+        stage = stage_keys.STAGES[name]
+        stage_keys.STAGES[name] = stage_keys.Stage(f"{__name__}:{function or name}", stage.upstream, stage.depends)
 
 
 def write_shipped(place: Path, config: Config) -> Path:

@@ -9,8 +9,8 @@ import pytest
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from romgrl.gait import human
-from romgrl.report import bands, document
+from romgrl.gait import human_bands
+from romgrl.report import human_band_figure, markdown_report
 
 GAITS = pd.DataFrame(
     {
@@ -30,14 +30,14 @@ def shaded(figure: Figure) -> list[tuple[float, float]]:
 
 
 def test_every_panel_shades_the_band_of_its_measure() -> None:
-    figure = bands.gait_bands(GAITS, 4.0)
-    known = human.bands(4.0)
-    expected = [known[measure] for measure, _ in bands.PANELS]
+    figure = human_band_figure.gait_bands(GAITS, 4.0)
+    known = human_bands.bands(4.0)
+    expected = [known[measure] for measure, _ in human_band_figure.PANELS]
     assert shaded(figure) == [(pytest.approx(band.low), pytest.approx(band.high)) for band in expected]
 
 
 def test_every_walker_has_its_dot() -> None:
-    figure = bands.gait_bands(GAITS, 4.0)
+    figure = human_band_figure.gait_bands(GAITS, 4.0)
     frequency, length, duty, excursion = ([line.get_ydata()[0] for line in axes.lines] for axes in figure.axes)
     assert frequency[:2] == [1.5, 1.6]
     assert math.isnan(frequency[2])
@@ -47,13 +47,13 @@ def test_every_walker_has_its_dot() -> None:
 
 
 def test_where_nothing_is_known_nothing_is_shaded_and_it_is_said() -> None:
-    figure = bands.gait_bands(GAITS, 5.0)
+    figure = human_band_figure.gait_bands(GAITS, 5.0)
     assert shaded(figure) == []
     assert "no human data" in figure.get_suptitle()
-    assert "No published numbers" in document.humans(5.0)
+    assert "No published numbers" in markdown_report.humans(5.0)
 
 
 def test_the_report_lists_the_bands_with_their_sources() -> None:
-    text = document.humans(1.0)
+    text = markdown_report.humans(1.0)
     assert "| stride frequency [Hz] | 0.75 | 1.05 |" in text
     assert "Nilsson & Thorstensson 1987" in text

@@ -12,9 +12,9 @@ import pytest
 
 from romgrl.artifacts import write_manifest
 from romgrl.humanoid.model import build
-from romgrl.progress import SilentLog
-from romgrl.report import encoder, preview
-from romgrl.report.side_by_side import FILM
+from romgrl.report import encoder, readme_preview
+from romgrl.report.side_by_side_film import FILM
+from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import report
 from tests.pipeline.conftest import ROOT
 
@@ -120,7 +120,7 @@ def test_no_preview_without_a_working_ffmpeg(
     write_manifest(directory, stage="report", key=directory.name, config={}, **facts)
     choose(tmp_path / "ffmpeg", NO_ENCODER, monkeypatch)
     with pytest.raises(SystemExit) as ended:
-        preview.main([str(tmp_path), str(tmp_path / "preview.webp")])
+        readme_preview.main([str(tmp_path), str(tmp_path / "preview.webp")])
     (line,) = capsys.readouterr().err.splitlines()
     assert (ended.value.code, line.endswith("(IMAGEIO_FFMPEG_EXE): Unknown encoder 'libx264'")) == (1, True), line
 

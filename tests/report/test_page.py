@@ -10,10 +10,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from romgrl.gait import human
+from romgrl.gait import human_bands
 from romgrl.gait.features import Gait
 from romgrl.humanoid.model import build
-from romgrl.report.page import charts, intervals, scene, strides, tables, writing
+from romgrl.report.page import charts, html, intervals, scene, strides, tables
 from tests.gait.synthetic import DT, run
 
 RATE = 1.5  # strides/s: 20 steps each at 30 Hz
@@ -143,7 +143,7 @@ def test_cursors_are_on_the_curves() -> None:
 
 
 def test_gait_rows_know_the_human_band() -> None:
-    band = human.bands(4.0)["duty_factor"]
+    band = human_bands.bands(4.0)["duty_factor"]
     row = {"walker": "student", "steady_speed_m_per_s": 4.0, "stride_frequency_hz": 1.5, "duty_factor": band.high + 0.1}
     rows = {row.label: row for row in tables.gait_rows(pd.DataFrame([row, {**row, "duty_factor": band.low}]), 4.0)}
     assert [value.human for value in rows["duty factor"].values] == [False, True]
@@ -152,6 +152,6 @@ def test_gait_rows_know_the_human_band() -> None:
 
 
 def test_data_cannot_end_its_script() -> None:
-    text = writing.script_data({"name": "</script><script>alert(1)</script>"})
+    text = html.script_data({"name": "</script><script>alert(1)</script>"})
     assert "<" not in text
     assert json.loads(text)["name"].startswith("</script>")

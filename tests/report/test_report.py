@@ -11,14 +11,14 @@ import pytest
 from matplotlib.colors import same_color
 from matplotlib.figure import Figure
 
-from romgrl.config import Config
+from romgrl.config.schema import Config
 from romgrl.gait.alignment import mse_table
 from romgrl.gait.features import Floats, Gait
 from romgrl.gait.metrics import describe
 from romgrl.humanoid.model import build
 from romgrl.humanoid.rendering import RenderingError
-from romgrl.progress import SilentLog
-from romgrl.report import document, figures, film, style, tables
+from romgrl.report import figures, film, markdown_report, style, tables
+from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import report
 from tests.gait.synthetic import DT, run
 from tests.report import finished
@@ -154,10 +154,10 @@ def test_units_in_brackets() -> None:
 
 def test_headline_and_remarks(errors: pd.DataFrame, gait_rows: pd.DataFrame) -> None:
     average = errors[(errors.channel == "average") & (errors.alignment == "aligned")].iloc[0]
-    assert f"{average.reduction_percent:.1f} % below" in document.headline(errors, gait_rows)
-    assert "Student upright in 4 of 4 episodes at 4.00 m/s" in document.headline(errors, gait_rows)
+    assert f"{average.reduction_percent:.1f} % below" in markdown_report.headline(errors, gait_rows)
+    assert "Student upright in 4 of 4 episodes at 4.00 m/s" in markdown_report.headline(errors, gait_rows)
     pooled = 100 * (1 - average.student / average.baseline)
-    assert f"reduced by {pooled:.1f} %" in document.remarks(errors)
+    assert f"reduced by {pooled:.1f} %" in markdown_report.remarks(errors)
 
 
 def test_stride_steps_span_one_stride() -> None:

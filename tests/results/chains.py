@@ -10,10 +10,10 @@ from pathlib import Path
 import pandas as pd
 
 from romgrl.artifacts import Manifest, write_manifest
-from romgrl.config import Config
+from romgrl.config.schema import Config
 from romgrl.gait.features import CHANNELS
-from romgrl.keys import STAGES, stage_key, stage_settings
-from romgrl.results.finished import LINEAGE
+from romgrl.provenance.stage_keys import STAGES, stage_key, stage_settings
+from romgrl.results.evaluation_index import LINEAGE
 
 GAIT = {
     "episodes": 100,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from romgrl.config import Config
+from romgrl.config.schema import Config
 from tests.conftest import Composer
 
 

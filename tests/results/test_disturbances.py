@@ -10,7 +10,7 @@ from PIL import Image
 
 from romgrl.artifacts import write_manifest
 from romgrl.results.__main__ import main
-from romgrl.results.sweeps import SWEEP_VARIABLE, JobEnd, note_end, write_sweep
+from romgrl.results.sweep_record import SWEEP_VARIABLE, JobEnd, note_end, write_sweep
 
 RATES = {0: [0.0, 0.1, 0.9], 1: [0.0, 0.3, 1.0]}  # of the students of two seeds at three levels
 SHARES = {"mass": [0.8, 1.2], "friction": [0.8, 1.2]}

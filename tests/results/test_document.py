@@ -9,12 +9,12 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from romgrl.config import Config
-from romgrl.results import joint, statistics
+from romgrl.config.schema import Config
+from romgrl.results import statistics, sweep_tables
 from romgrl.results.__main__ import main
-from romgrl.results.document import public
-from romgrl.results.readme import END, START
-from romgrl.results.sweeps import SWEEP_VARIABLE
+from romgrl.results.readme_table import END, START
+from romgrl.results.results_document import public
+from romgrl.results.sweep_record import SWEEP_VARIABLE
 from tests.results.chains import changed
 from tests.results.test_sweeps import swept
 
@@ -23,7 +23,7 @@ from tests.results.test_sweeps import swept
 def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(statistics, "RESAMPLES", 999)
     monkeypatch.setattr(
-        joint,
+        sweep_tables,
         "draw",
         lambda cells, jobs, title, directory: (directory / "by_x.png").write_text(title, encoding="utf-8"),
     )

@@ -8,7 +8,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from romgrl.results.sweeps import sweeps
+from romgrl.results.sweep_record import sweeps
 from tests.limits import PATIENCE
 from tests.pipeline.conftest import Command, start, trainings
 

@@ -11,12 +11,11 @@ import pandas as pd
 import pytest
 from matplotlib.figure import Figure
 
-from romgrl.config import Config
-from romgrl.results import joint, statistics
-from romgrl.results.cells import cells_table, jobs_table, results
-from romgrl.results.joint import write_joint
-from romgrl.results.plots import figures
-from romgrl.results.sweeps import (
+from romgrl.config.schema import Config
+from romgrl.results import statistics, sweep_tables
+from romgrl.results.sweep_cells import cells_table, jobs_table, results
+from romgrl.results.sweep_figures import figures
+from romgrl.results.sweep_record import (
     SWEEP_VARIABLE,
     UNFINISHED,
     JobEnd,
@@ -28,13 +27,14 @@ from romgrl.results.sweeps import (
     sweeps,
     write_sweep,
 )
+from romgrl.results.sweep_tables import write_joint
 from tests.results.chains import changed, finish
 
 
 @pytest.fixture(autouse=True)
 def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(statistics, "RESAMPLES", 999)
-    monkeypatch.setattr(joint, "draw", lambda *arguments: None)
+    monkeypatch.setattr(sweep_tables, "draw", lambda *arguments: None)
     monkeypatch.setenv(SWEEP_VARIABLE, "")
 
 

@@ -10,13 +10,13 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from romgrl.config import Config
+from romgrl.config.schema import Config
 from romgrl.errors import ArtifactError
 from romgrl.gait.features import CHANNELS
-from romgrl.pipeline import run
+from romgrl.pipeline.run import run
 from romgrl.results import statistics
 from romgrl.results.claims import TOO_FEW, TOO_SHORT, Claim, decide, read_claims
-from romgrl.results.finished import select
+from romgrl.results.evaluation_index import select
 from romgrl.results.statistics import NOWHERE, Interval
 from tests.conftest import Composer
 from tests.results.chains import changed, finish

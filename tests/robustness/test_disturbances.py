@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from romgrl.humanoid.changed_body import scaled
 from romgrl.humanoid.model import build, dimensions
-from romgrl.humanoid.scaling import scaled
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 
 NO_FALL = {"fall_pelvis_height": 0.0, "fall_head_height": 0.0, "fall_trunk_lean": 9.0}

@@ -9,12 +9,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from romgrl.config import Config
+from romgrl.config.schema import Config
 from romgrl.humanoid.model import fingerprint
-from romgrl.progress import SilentLog
+from romgrl.report.terminal_tables import robustness_metrics
+from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import robustness
-from romgrl.stages.walkers import humanoid_model
-from romgrl.summary import robustness_metrics
+from romgrl.stages.wiring.worlds import humanoid_model
 from tests.conftest import Composer
 from tests.faults.test_misfit import teacher as write_teacher
 from tests.walkers import write_walker

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from romgrl.humanoid.changed_body import scaled
 from romgrl.humanoid.model import build
-from romgrl.humanoid.scaling import scaled
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
-from romgrl.stages.trials import Outcome, Start, disturb, settle
+from romgrl.stages.rollouts.disturbed import Outcome, Start, disturb, settle
 
 TRIALS, STEPS = 6, 12
 DELAYS = np.array([1, 3, 5, 7, 2, 4])

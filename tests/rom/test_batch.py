@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from romgrl.rom import _core
-from romgrl.rom.mirror import MIRROR_OBSERVATION
+from romgrl.rom.observation import MIRROR_OBSERVATION
 from tests.limits import PATIENCE
 from tests.rom.worlds import FEET, Worlds, core_parameters, pose
 

@@ -10,7 +10,7 @@ from gymnasium.vector import AutoresetMode
 
 from romgrl.rom import _core
 from romgrl.rom.env import SpringLegEnv
-from romgrl.rom.mirror import MIRROR_ACTION, MIRROR_OBSERVATION, MIRROR_PAPER_OBSERVATION, OBSERVATION_NAMES
+from romgrl.rom.observation import MIRROR_ACTION, MIRROR_OBSERVATION, MIRROR_PAPER_OBSERVATION, OBSERVATION_NAMES
 from romgrl.rom.parameters import SpringLegParameters
 from romgrl.rom.vector_env import SpringLegVectorEnv
 

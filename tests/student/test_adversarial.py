@@ -6,7 +6,7 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from romgrl.algorithms.adversarial import (
+from romgrl.algorithms.adversarial_losses import (
     LOSSES,
     decision_threshold,
     imitation_reward,

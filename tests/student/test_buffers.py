@@ -8,8 +8,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from romgrl.buffers import ReplayBuffer
-from romgrl.gait.windows import FrameWindows, WindowLayout, reference_windows
+from romgrl.algorithms.replay_buffer import ReplayBuffer
+from romgrl.gait.discriminator_windows import FrameWindows, WindowLayout, reference_windows
 
 
 def fill(buffer: ReplayBuffer, steps: int, truncated_every: int = 0) -> None:

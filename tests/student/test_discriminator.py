@@ -5,7 +5,7 @@ import math
 import pytest
 import torch
 
-from romgrl.algorithms.adversarial import bce_loss, imitation_reward, interpolate_penalty
+from romgrl.algorithms.adversarial_losses import bce_loss, imitation_reward, interpolate_penalty
 from romgrl.algorithms.discriminator import Discriminator
 
 

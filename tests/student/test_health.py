@@ -9,10 +9,10 @@ import pytest
 import torch
 
 from romgrl.algorithms.discriminator_health import COLUMNS, ROWS, Setting, diagnose, trend
-from romgrl.job import health_tags
-from romgrl.progress import SilentLog
+from romgrl.pipeline.job import health_tags
+from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import student
-from romgrl.stages.health import HealthWatch, setting
+from romgrl.stages.training.discriminator_watch import HealthWatch, setting
 from tests.conftest import Composer
 from tests.faults.trainings import STUDENT, write_reference
 from tests.student.test_adversarial import gaussian_judge

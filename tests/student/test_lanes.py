@@ -4,7 +4,7 @@ import threading
 
 import pytest
 
-from romgrl.lanes import second_lane, start
+from romgrl.algorithms.second_thread import second_lane, start
 
 
 def test_work_runs_beside_the_caller_and_in_order() -> None:

@@ -10,11 +10,11 @@ import torch
 from scipy import integrate
 from torch.nn import functional
 
+from romgrl.algorithms.networks.squashed_gaussian import draw, head_gradient, log_density
+from romgrl.algorithms.networks.stacked_mlp import StackedMLP
+from romgrl.algorithms.replay_buffer import Batch
 from romgrl.algorithms.sac import SAC, load_policy, save_policy
-from romgrl.algorithms.squashed_gaussian import draw, head_gradient, log_density
-from romgrl.algorithms.stacked_mlp import StackedMLP
-from romgrl.buffers import Batch
-from romgrl.lanes import second_lane
+from romgrl.algorithms.second_thread import second_lane
 
 SETTINGS = {
     "observation_size": 3,

@@ -8,9 +8,10 @@ import pytest
 import torch
 
 from romgrl.algorithms.sac import SAC, load_policy
-from romgrl.progress import SilentLog
-from romgrl.stages import selection, student
-from romgrl.stages.selection import Candidates
+from romgrl.runtime.stage_log import SilentLog
+from romgrl.stages import student
+from romgrl.stages.training import policy_selection
+from romgrl.stages.training.policy_selection import Candidates
 from tests.conftest import Composer
 
 BASELINE = ("experiment=smoke", "discriminator=none", "eta=1", "student.total_steps=1600", "student.candidates=4")
@@ -65,14 +66,14 @@ def test_the_one_that_earns_most_is_kept(
         return choose(config, learner, candidates, *rest)
 
     monkeypatch.setattr(student, "choose", spy)
-    monkeypatch.setattr(selection, "earned", lambda *_, **__: {"reward": next(calls), "upright_share": 1.0})
+    monkeypatch.setattr(policy_selection, "earned", lambda *_, **__: {"reward": next(calls), "upright_share": 1.0})
     student.run(compose_config(*BASELINE), {}, tmp_path, SilentLog())
     (candidates,) = kept
     policy = load_policy(tmp_path / "policy.safetensors")
     assert torch.equal(policy.policy.flat, candidates.weights[best])
     assert torch.equal(policy.mean, candidates.moments[best][0])
     assert not torch.equal(candidates.weights[best], candidates.weights[best - 1])
-    table = pd.read_csv(tmp_path / selection.FILE)
+    table = pd.read_csv(tmp_path / policy_selection.FILE)
     assert table.step.tolist() == [1000, 1200, 1400, 1600]
     assert table.reward.tolist() == rewards
 
@@ -80,13 +81,13 @@ def test_the_one_that_earns_most_is_kept(
 def test_reward_counts_until_the_first_fall(compose_config: Composer, monkeypatch: pytest.MonkeyPatch) -> None:
     """An untrained policy falls; with everything upright each step would pay 1."""
     config = compose_config(*BASELINE)
-    env = selection.humanoid_env(config, num_envs=4, episode_steps=301)
+    env = policy_selection.humanoid_env(config, num_envs=4, episode_steps=301)
     learner = student.build_learner(config, env, torch.arange(358), student.window_layout(config), None)
     monkeypatch.setattr(type(env.task), "reward", lambda *_: 1.0 + 0 * _[1])
-    network = selection.StackedMLP(stack=1, **learner.sac.network)
+    network = policy_selection.StackedMLP(stack=1, **learner.sac.network)
     network.flat.copy_(learner.sac.average.flat)
-    policy = selection.DeterministicPolicy(network, torch.arange(358), torch.zeros(358), torch.ones(358))
-    earned = selection.earned(env, policy, learner, student.window_layout(config), seed=0)
+    policy = policy_selection.DeterministicPolicy(network, torch.arange(358), torch.zeros(358), torch.ones(358))
+    earned = policy_selection.earned(env, policy, learner, student.window_layout(config), seed=0)
     assert isinstance(learner.sac, SAC)
     assert earned["upright_share"] == 0.0
     assert 0.005 < earned["reward"] < 0.5

@@ -9,16 +9,16 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
+from romgrl.algorithms.networks.running_normalizer import RunningNormalizer
+from romgrl.algorithms.replay_buffer import ReplayBuffer
 from romgrl.algorithms.rom_grl import RomGrl
 from romgrl.algorithms.sac import load_policy
 from romgrl.artifacts import load_tensors, save_arrays
-from romgrl.buffers import ReplayBuffer
-from romgrl.config import Config
-from romgrl.normalizer import RunningNormalizer
-from romgrl.progress import SilentLog
+from romgrl.config.schema import Config
+from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import student
-from romgrl.stages.learner import compact_mirror
-from romgrl.stages.tally import EpisodeTally
+from romgrl.stages.training.student_statistics import EpisodeTally
+from romgrl.stages.wiring.student_learner import compact_mirror
 from tests.conftest import Composer
 
 SMALL = (

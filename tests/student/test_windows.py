@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from romgrl.gait.discriminator_windows import FrameWindows, WindowLayout, reference_windows
 from romgrl.gait.features import mirrored
-from romgrl.gait.windows import FrameWindows, WindowLayout, reference_windows
 
 DT = 1 / 30
 FEATURES = ("paper", "trunk", "velocities", "trunk_velocities")

@@ -9,8 +9,8 @@ import pytest
 
 from romgrl.rom.parameters import SpringLegParameters
 from romgrl.rom.return_map import FOOT, SIDES, Crossing, StrideMap, Walkers
-from romgrl.stages import orbit
-from romgrl.stages.orbit import free_coordinates, teacher_multipliers
+from romgrl.stages.rollouts import orbital_stability
+from romgrl.stages.rollouts.orbital_stability import free_coordinates, teacher_multipliers
 from tests.rom.test_return_map import scissors
 
 
@@ -75,7 +75,7 @@ def test_known_multipliers_through_a_clock_that_drifts(largest: complex, verdict
     assert len(many) == (2 if complex(largest).imag else 1)
     assert set(table.verdict) == {verdict}
     assert set(table.fell) == {0}
-    assert orbit.verdict(table).endswith(f"over 8 strides: {verdict}")
+    assert orbital_stability.verdict(table).endswith(f"over 8 strides: {verdict}")
 
 
 def test_no_gait_is_said() -> None:

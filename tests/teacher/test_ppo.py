@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 
+from romgrl.algorithms.networks.mlp import initialise_orthogonal, mirror, mlp
 from romgrl.algorithms.ppo import (
     PPO,
     Minibatch,
@@ -17,9 +18,8 @@ from romgrl.algorithms.ppo import (
     load_policy,
     save_policy,
 )
-from romgrl.algorithms.rollout import Rollout, compute_gae
-from romgrl.lanes import second_lane
-from romgrl.networks import initialise_orthogonal, mirror, mlp
+from romgrl.algorithms.rollout_buffer import Rollout, compute_gae
+from romgrl.algorithms.second_thread import second_lane
 
 NEVER = torch.zeros(3, 1, dtype=torch.bool)
 

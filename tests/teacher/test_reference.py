@@ -7,7 +7,7 @@ import pytest
 
 from romgrl.errors import ArtifactError
 from romgrl.gait.features import Gait
-from romgrl.gait.reference import check_reference, largest_trend, slip_speed
+from romgrl.gait.reference_check import check_reference, largest_trend, slip_speed
 
 SPEED, DT, STRIDE, DUTY, EPISODES, STEPS = 4.0, 1.0 / 30.0, 0.6, 0.3, 4, 200
 

@@ -11,11 +11,11 @@ import torch
 
 from romgrl.algorithms.ppo import load_policy
 from romgrl.artifacts import load_arrays, load_tensors
-from romgrl.config import Config
+from romgrl.config.schema import Config
 from romgrl.errors import ArtifactError, DivergenceError
-from romgrl.progress import SilentLog
+from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import reference, teacher
-from romgrl.stages.walkers import rom_parameters
+from romgrl.stages.wiring.worlds import rom_parameters
 from tests.conftest import Composer
 
 SMALL = (

@@ -10,7 +10,7 @@ from typing import Any
 import pandas as pd
 
 from romgrl.artifacts import Manifest
-from romgrl.gait import human
+from romgrl.gait import human_bands
 from romgrl.report.style import CHANNEL_LABELS
 from romgrl.report.tables import ERROR_DECIMALS, fixed, gait_number, with_unit
 
@@ -35,11 +35,11 @@ class GaitRow:
 
 def gait_rows(gaits: pd.DataFrame, speed: float) -> list[GaitRow]:
     """gait.csv with the human bands at `speed` m/s beside it."""
-    bands = human.bands(speed)
+    bands = human_bands.bands(speed)
     rows = [{str(key): value for key, value in row.items()} for row in gaits.to_dict("records")]
     columns = [str(name) for name in gaits.columns if name != "walker"]
     columns.insert(columns.index("stride_frequency_hz") + 1, "stride_length_m")
-    numbers = [{**row, "stride_length_m": human.stride_length(row)} for row in rows]
+    numbers = [{**row, "stride_length_m": human_bands.stride_length(row)} for row in rows]
     found = []
     for name in columns:
         band = bands.get(name)

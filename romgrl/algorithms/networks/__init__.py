@@ -1,0 +1,1 @@
+"""Networks with their gradients, and what normalises their input."""

@@ -1,0 +1,1 @@
+"""All that happens before a job runs: arguments, composition, checks, help, exit codes."""

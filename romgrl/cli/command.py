@@ -1,0 +1,51 @@
+"""The command: checks its line, lets Hydra run the jobs that it names, and ends with an exit code."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Sequence
+
+import hydra
+from hydra.core.hydra_config import HydraConfig
+from omegaconf import DictConfig
+
+import romgrl
+from romgrl.cli.arguments import checked, refuse
+from romgrl.cli.compose import COMPOSITION_ERRORS, CONF, to_config
+from romgrl.cli.exit_codes import exit_code_of
+from romgrl.cli.help import usage
+from romgrl.config.schema import Config
+from romgrl.errors import ConfigurationError, RomgrlError
+from romgrl.runtime.display import protect
+
+Job = Callable[[Config, Sequence[str]], None]
+
+
+def run(job: Job) -> None:
+    """Run every job that the command line names, and end with an exit code, one line for each fault.
+
+    A job is called with its configuration and overrides. One that fails says why at once; the others of a sweep go on.
+    """
+    failures: list[RomgrlError] = []
+
+    @hydra.main(version_base="1.3", config_path=str(CONF), config_name="config")
+    def run_composed(composed: DictConfig) -> None:
+        try:
+            job(to_config(composed), HydraConfig.get().overrides.task)
+        except RomgrlError as error:
+            print(error, file=sys.stderr)
+            failures.append(error)
+
+    protect()
+    if {"-h", "--help"} & set(sys.argv):
+        return print(usage(CONF))
+    if "--version" in sys.argv:
+        return print(f"romgrl {romgrl.__version__}")
+    try:
+        sys.argv[1:] = checked(sys.argv[1:])
+        run_composed()
+    except (ConfigurationError, *COMPOSITION_ERRORS) as error:
+        sys.exit(refuse(error))
+    except (KeyboardInterrupt, RuntimeError, OSError, RomgrlError) as error:
+        sys.exit(exit_code_of(error))
+    sys.exit(failures[0].exit_code if failures else 0)

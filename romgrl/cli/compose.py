@@ -1,0 +1,193 @@
+"""Hydra's side of the configuration: the keys it knows, what it composed, and its complaints in plain words."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import fields
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from hydra import compose, initialize_config_dir
+from hydra.core.config_store import ConfigStore
+from hydra.core.plugins import Plugins
+from hydra.errors import HydraException
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
+
+from romgrl.cli import search_space
+from romgrl.cli.allowlist import guard
+from romgrl.cli.consistency import misfits
+from romgrl.cli.hydra_settings import hydra_faults
+from romgrl.config.schema import MISSING, Config
+from romgrl.config.values import (
+    allowed,
+    bad_value,
+    convert,
+    fits,
+    nearest,
+    one_line,
+    refusal,
+    schema_groups,
+    schema_keys,
+    unknown_key,
+)
+from romgrl.errors import ConfigurationError
+
+HERE = Path(__file__).resolve().parents[1]
+CONF = HERE / "conf" if (HERE / "conf").is_dir() else HERE.parent / "conf"  # installed, or in a checkout
+COMPOSITION_ERRORS = (HydraException, OmegaConfBaseException)
+ABSENT = object()
+
+
+def register_schema() -> None:
+    """Tell Hydra the keys, without values or types, under the name that conf/config.yaml starts from; guard it.
+
+    `read` holds the types: Hydra would stop at the first value that does not have its own.
+    """
+    guard()
+    search_space.register()
+    keys = OmegaConf.create()
+    for name in schema_keys():
+        OmegaConf.update(keys, name, MISSING)
+    ConfigStore.instance().store("schema", keys)
+    rename_launcher_schemas()
+
+
+def rename_launcher_schemas() -> None:
+    """Move the schemas of installed launchers to a group of their own: conf's files of the same names extend them."""
+    Plugins.instance()  # finds what is installed
+    repository = ConfigStore.instance().repo
+    for path in (CONF / "hydra" / "launcher").glob("*.yaml"):
+        if path.name in repository["hydra"]["launcher"]:
+            schemas = repository.setdefault("launcher_schema", {})
+            schemas[path.name] = repository["hydra"]["launcher"].pop(path.name)
+
+
+def compose_config(*overrides: str) -> Config:
+    """The configuration of conf/ with overrides. Raises ConfigurationError or one of COMPOSITION_ERRORS."""
+    register_schema()
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        return to_config(compose("config", overrides=list(overrides)))
+
+
+def nowhere(key: str) -> str:
+    """Say nothing about the place of a key."""
+    return ""
+
+
+def to_config(composed: Any) -> Config:
+    """Turn what Hydra composed into the typed configuration. Raises ConfigurationError for what is no such thing."""
+    config, bad = read(composed)
+    if bad:
+        raise ConfigurationError("\n".join(line for line in bad.values() if line))
+    return config
+
+
+def problems(composed: DictConfig, where: Callable[[str], str] = nowhere) -> list[str]:
+    """One line for everything that is wrong with what Hydra composed; `where`: " in FILE" for a key of a file."""
+    config, bad = read(composed, where)
+    return [*(line for line in bad.values() if line), *misfits(config, bad), *hydra_faults(composed, bad)]
+
+
+def read(composed: DictConfig, where: Callable[[str], str] = nowhere) -> tuple[Config, dict[str, str]]:
+    """The configuration, and by key what is wrong with it: values that are bad are missing in the configuration."""
+    keys = schema_keys()
+    bad = {name: unknown_key(name, where(name)) for name in added_keys(composed)}
+    bad |= broken_groups(composed)
+    values: dict[str, Any] = {}
+    for key, entry in keys.items():
+        values[key] = MISSING
+        if key.partition(".")[0] in bad:
+            bad[key] = ""  # the line of its group says it
+            continue
+        try:
+            value = plain(OmegaConf.select(composed, key, default=ABSENT, throw_on_missing=True))
+        except MissingMandatoryValue:
+            value = ABSENT
+        except (OmegaConfBaseException, RecursionError) as error:
+            bad[key] = unresolved(composed, key, error)
+            continue
+        if value is ABSENT:
+            bad[key] = f"{key}: has no value; give it as {key}=...; allowed: {allowed(entry)}"
+        elif fits(value, entry):
+            values[key] = convert(value, entry)
+        else:
+            bad[key] = bad_value(key, value)
+    return assemble(values), bad
+
+
+def plain(value: Any) -> Any:
+    """Lists and mappings of Python, with every interpolation in them resolved."""
+    return OmegaConf.to_container(value, resolve=True) if OmegaConf.is_config(value) else value
+
+
+def plain_unresolved(composed: DictConfig) -> Any:
+    """What Hydra composed in mappings of Python, interpolations as they were written."""
+    return OmegaConf.to_container(composed, resolve=False)
+
+
+def added_keys(composed: DictConfig, prefix: str = "") -> Iterator[str]:
+    """Yield the keys that the schema does not have, the outermost of a branch."""
+    keys = schema_keys()
+    for name in composed:
+        key = prefix + str(name)
+        if key in branches():
+            node = composed._get_node(name)
+            if isinstance(node, DictConfig) and not node._is_none() and not node._is_interpolation():
+                yield from added_keys(node, f"{key}.")
+        elif key not in keys and key != "hydra":
+            yield key
+
+
+@cache
+def branches() -> frozenset[str]:
+    """The keys that have others below them."""
+    parts = (key.split(".") for key in schema_keys())
+    return frozenset(".".join(names[:depth]) for names in parts for depth in range(1, len(names)))
+
+
+def broken_groups(composed: DictConfig) -> dict[str, str]:
+    """A line for every group that is no group of keys any more."""
+    lines = {}
+    for group in schema_groups()[:-1]:
+        node = composed._get_node(group)
+        if not isinstance(node, DictConfig) or node._is_none() or node._is_missing():
+            value = None if node is None else plain_unresolved(composed)[group]
+            lines[group] = refusal(group, value, f"the keys of the group, such as {group}.{first_key(group)}: ...")
+    return lines
+
+
+def first_key(group: str) -> str:
+    """The first key of a group, without the group's name."""
+    return next(name for name in schema_keys() if name.startswith(f"{group}.")).partition(".")[2]
+
+
+def unresolved(composed: DictConfig, key: str, error: Exception) -> str:
+    """The line of an interpolation that leads nowhere, with the key that it may have meant."""
+    written = plain_unresolved(composed)
+    for part in key.split("."):
+        written = written[part]
+    text, entry = str(written), schema_keys()[key]
+    meant = nearest(text[text.find("${") + 2 :].partition("}")[0], schema_keys())
+    return f"{key}: {one_line(text)} cannot be resolved: {first_line(error)}{meant}; allowed: {allowed(entry)}"
+
+
+def first_line(error: Exception) -> str:
+    """What Hydra or OmegaConf says, on one line: its first sentence, and where that ends in a colon the next."""
+    cause = error.__cause__ or error
+    key = getattr(cause, "full_key", None)
+    lines = [" ".join(line.split()) for line in str(cause).splitlines() if line.strip()] or [type(cause).__name__]
+    text = " ".join(lines[: 2 if lines[0].endswith(":") else 1])
+    if key and text.endswith("is not Optional"):
+        return refusal(str(key), None, "a value, as the key has it in conf/")
+    return f"{key}: {text}" if key and key not in text else text
+
+
+def assemble(values: Mapping[str, Any], schema: Any = Config, prefix: str = "") -> Any:
+    """The dataclass of the schema with the values of all dotted keys."""
+    parts = {}
+    for entry in fields(schema):
+        name = prefix + entry.name
+        parts[entry.name] = values[name] if name in values else assemble(values, entry.default_factory, f"{name}.")
+    return schema(**parts)

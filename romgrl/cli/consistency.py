@@ -1,0 +1,243 @@
+"""What must fit together in a configuration, and on this machine; told before any work.
+
+Every check is a generator of lines beside the keys that it reads: it is left out where one of them is bad already.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection, Iterator
+from itertools import pairwise
+
+from romgrl.cli.locations import is_file, outputs_directory, tracking_store
+from romgrl.config.schema import Config
+from romgrl.config.values import bad_value, fits, refusal, schema_keys, show, value_of
+from romgrl.errors import ArtifactError, ConfigurationError
+
+FEWEST_ROWS = 4  # of the replay buffer, which keeps two of them free
+
+
+def validate(config: Config) -> None:
+    """Raise ConfigurationError with one line per bad key; called before any directory, run or training is made."""
+    lines = {key: bad_value(key, value_of(config, key)) for key in unfit_keys(config)}
+    problems = [*lines.values(), *misfits(config, lines)]
+    if problems:
+        raise ConfigurationError("\n".join(problems))
+
+
+def unfit_keys(config: Config) -> list[str]:
+    """The keys whose values do not have their type or lie outside their range."""
+    return [key for key, entry in schema_keys().items() if not fits(value_of(config, key), entry)]
+
+
+def misfits(config: Config, bad: Collection[str] = ()) -> Iterator[str]:
+    """Yield a line for each key that does not fit to others or to this machine, among the keys that are not `bad`."""
+    told = set(bad)
+    for keys, check in CHECKS:
+        for line in [] if told & set(keys) else [*check(config)]:
+            key = line.partition(":")[0]
+            if key not in told:
+                yield line
+            told.add(key)
+
+
+def ranges(config: Config) -> Iterator[str]:
+    """A range has two ends, and the hips reach what they are reset to."""
+    for key in ("rom.reset_hip_angle", "rom.reset_speed", "humanoid.reset_speed"):
+        value = value_of(config, key)
+        if len(value) != 2 or not value[0] <= value[1]:
+            yield refusal(key, value, "two numbers, the lower one first")
+    if max(config.rom.reset_hip_angle) > config.rom.hip_angle_limit:
+        permitted = f"at most rom.hip_angle_limit = {config.rom.hip_angle_limit:g} rad"
+        yield refusal("rom.reset_hip_angle", config.rom.reset_hip_angle, permitted)
+
+
+def levels(config: Config) -> Iterator[str]:
+    """The levels of a disturbance rise, so that each is there once."""
+    for key in LEVELS:
+        value = value_of(config, key)
+        if any(one >= other for one, other in pairwise(value)):
+            yield refusal(key, value, "numbers in rising order")
+
+
+def at_most(key: str, bound: str) -> tuple[tuple[str, str], Callable[[Config], Iterator[str]]]:
+    """The check that one key is not larger than another."""
+
+    def check(config: Config) -> Iterator[str]:
+        if value_of(config, key) > value_of(config, bound):
+            yield refusal(key, value_of(config, key), f"at most {bound} = {value_of(config, bound)}")
+
+    return (key, bound), check
+
+
+def rollout(config: Config) -> Iterator[str]:
+    """PPO's rollout has a spread of advantages, and holds a minibatch."""
+    teacher = config.teacher
+    size = teacher.num_envs * teacher.rollout_steps
+    if size < 2:
+        yield refusal("teacher.rollout_steps", teacher.rollout_steps, "at least 2 where teacher.num_envs = 1")
+    elif teacher.minibatch_size > size:
+        permitted = f"at most teacher.num_envs x teacher.rollout_steps = {size}"
+        yield refusal("teacher.minibatch_size", teacher.minibatch_size, permitted)
+
+
+def replay(config: Config) -> Iterator[str]:
+    """The replay buffer holds a few steps of all humanoids, two of them before the first update."""
+    student = config.student
+    if student.buffer_size < FEWEST_ROWS * student.num_envs:
+        permitted = f"at least {FEWEST_ROWS} x student.num_envs = {FEWEST_ROWS * student.num_envs}"
+        yield refusal("student.buffer_size", student.buffer_size, permitted)
+    first_update = math.ceil(student.learning_starts / student.num_envs)
+    first_update += math.ceil(1 / (student.updates_per_step * student.num_envs)) - 1
+    if first_update < 2:
+        permitted = f"more than student.num_envs = {student.num_envs}, so that there is something to learn from"
+        yield refusal("student.learning_starts", student.learning_starts, permitted)
+
+
+def reference_episodes(config: Config) -> list[int]:
+    """Steps of each episode of the reference."""
+    longest, left = math.ceil(config.reference.steps / config.reference.episodes), config.reference.steps
+    full, rest = divmod(left, longest)
+    return [longest] * full + ([rest] if rest else [])
+
+
+def scored_window(config: Config) -> Iterator[str]:
+    """An episode of the reference is as long as what is scored."""
+    longest = reference_episodes(config)[0]
+    if config.evaluation.window > longest:
+        permitted = f"at most reference.steps / reference.episodes = {longest}"
+        yield refusal("evaluation.window", config.evaluation.window, permitted)
+
+
+def judged_windows(config: Config) -> Iterator[str]:
+    """The reference has windows for the discriminator, some to learn from and one to be held out at least."""
+    from romgrl.gait.discriminator_windows import WindowLayout
+
+    judge, episodes = config.discriminator, reference_episodes(config)
+    if judge.name == "none":
+        return
+    span = WindowLayout(judge.features, judge.window, judge.stride).span
+    if span > episodes[0]:
+        permitted = f"windows of at most reference.steps / reference.episodes = {episodes[0]} control steps, not {span}"
+        yield refusal("discriminator.window", judge.window, permitted)
+        return
+    windows = sum(max(0, steps - span + 1) for steps in episodes) * (2 if config.student.mirror else 1)
+    if max(1, round(windows * (1 - judge.held_out))) >= windows:
+        permitted = f"a share of the reference's {windows} windows that holds at least one"
+        yield refusal("discriminator.held_out", judge.held_out, permitted)
+
+
+def critic(config: Config) -> Iterator[str]:
+    """Nothing but the penalty keeps a Wasserstein critic from growing without end."""
+    judge = config.discriminator
+    if judge.name != "none" and judge.loss == "wasserstein" and judge.gradient_penalty == 0:
+        yield refusal("discriminator.gradient_penalty", 0, "more than 0 with discriminator.loss=wasserstein")
+
+
+def springs(config: Config) -> Iterator[str]:
+    """The reduced-order model can be integrated: its core says so, which names the parameter that is at fault."""
+    from romgrl.rom import _core
+    from romgrl.rom.parameters import SpringLegParameters, core_parameters
+
+    own = SpringLegParameters()
+    values = {name: value for name, value in vars(config.rom).items() if name != "name" and value is not None}
+    values |= {"reset_hip_angle": (0.0, 0.0), "reset_speed": own.reset_speed}  # `ranges` checks them
+    if config.rom.mass is None and config.humanoid.xml is None:
+        values["mass"] = config.humanoid.mass
+    core = core_parameters(
+        SpringLegParameters(**values),
+        speed=1.0,
+        control_frequency=config.humanoid.control_frequency,
+        episode_steps=1,
+        reward="exponential",
+        alpha=1.0,
+    )
+    try:
+        _core.Batch(core, 1, 1)
+    except ValueError as error:
+        name = str(error).partition(" ")[0]
+        yield refusal(f"rom.{name}", values.get(name), f"what can be integrated: {error}")
+
+
+def humanoid_file(config: Config) -> Iterator[str]:
+    """The file of the humanoid is one; MuJoCo is imported only where there is one to read."""
+    humanoid = config.humanoid
+    if humanoid.xml is None:
+        if humanoid.name == "humenv":
+            yield refusal("humanoid.xml", None, "the path of HumEnv's robot.xml")
+    elif not is_file(humanoid.xml):
+        yield refusal("humanoid.xml", humanoid.xml, "a MuJoCo file that exists")
+    else:
+        from romgrl.humanoid import model
+
+        model.set_up_mujoco()
+        try:
+            model.build(xml=humanoid.xml, actuation=humanoid.actuation)
+        except ConfigurationError as error:
+            reason = str(error).removeprefix("humanoid.xml: ")
+            yield refusal("humanoid.xml", humanoid.xml, f"a MuJoCo file with SMPL's 24 bodies ({reason})")
+
+
+def pretrained(config: Config) -> Iterator[str]:
+    """What ships with the package is run with the settings of its training; where it is damaged, the job says so."""
+    from romgrl.provenance.shipped import GROUPS, is_pretrained, other_settings
+
+    if config.student.pretrained and not config.teacher.pretrained:
+        yield refusal("teacher.pretrained", False, "true where student.pretrained is true")
+    told = set()
+    for stage in GROUPS:
+        if is_pretrained(stage, config):
+            try:
+                differing = [*other_settings(stage, config)]
+            except ArtifactError:
+                return
+            for key, value, trained in differing:
+                if key not in told:
+                    yield refusal(key, value, f"{show(trained)}, as the pretrained {stage} was trained")
+                told.add(key)
+
+
+def device(config: Config) -> Iterator[str]:
+    """A CUDA device is there where one is asked for."""
+    if config.device == "cuda" and not cuda_available():
+        yield refusal("device", "cuda", "cpu (no CUDA device was found)")
+
+
+def cuda_available() -> bool:
+    """Ask torch for a CUDA device; imported only when one is asked for."""
+    import torch
+
+    return torch.cuda.is_available()
+
+
+RANGES = ("rom.reset_hip_angle", "rom.reset_speed", "humanoid.reset_speed", "rom.hip_angle_limit")
+LEVELS = ("robustness.push_impulse", "robustness.observation_noise", "robustness.mass", "robustness.friction")
+REPLAY = ("student.buffer_size", "student.num_envs", "student.learning_starts", "student.updates_per_step")
+REFERENCE = ("reference.steps", "reference.episodes")
+JUDGED = ("discriminator.features", "discriminator.window", "discriminator.stride")
+JUDGE = ("discriminator.name", *JUDGED, "discriminator.held_out", "student.mirror")
+CRITIC = ("discriminator.name", "discriminator.loss", "discriminator.gradient_penalty")
+SPRINGS = ("humanoid.mass", "humanoid.xml", "humanoid.control_frequency")
+LEARNING = ("student.", "discriminator.", "reference.", "evaluation.", "robustness.", "tracking.", "paths.")
+PRETRAINED = ("student.pretrained", *(key for key in schema_keys() if not key.startswith(LEARNING)))
+CHECKS: tuple[tuple[tuple[str, ...], Callable[[Config], Iterator[str]]], ...] = (
+    (RANGES, ranges),
+    (LEVELS, levels),
+    at_most("robustness.push_duration", "robustness.watch"),
+    at_most("student.batch_size", "student.buffer_size"),
+    at_most("student.learning_starts", "student.total_steps"),
+    at_most("evaluation.window", "evaluation.steps"),
+    at_most("reference.warmup_steps", "teacher.episode_steps"),
+    at_most("reference.episodes", "reference.steps"),
+    (("teacher.num_envs", "teacher.rollout_steps", "teacher.minibatch_size"), rollout),
+    (REPLAY, replay),
+    ((*REFERENCE, "evaluation.window"), scored_window),
+    ((*REFERENCE, *JUDGE), judged_windows),
+    (CRITIC, critic),
+    ((*(key for key in schema_keys() if key.startswith("rom.")), *SPRINGS), springs),
+    (("humanoid.name", "humanoid.xml", "humanoid.actuation"), humanoid_file),
+    (("paths.outputs",), outputs_directory),
+    (("tracking.enabled", "tracking.uri", "tracking.experiment", "paths.outputs"), tracking_store),
+    (PRETRAINED, pretrained),
+    (("device",), device),
+)

@@ -1,0 +1,58 @@
+"""Writes docs/configuration.md from the schema and conf/: python -m romgrl.cli.reference_page."""
+
+from __future__ import annotations
+
+from dataclasses import Field
+from pathlib import Path
+from typing import Any
+
+from romgrl.cli.compose import CONF, compose_config
+from romgrl.config.schema import Config
+from romgrl.config.values import allowed, schema_keys, show, value_of
+
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "configuration.md"
+HEAD = """# Configuration
+
+Every key with its unit, the values it takes and its default. Set keys on the command line as `key=value`, and groups as
+`group=choice`; `python -m romgrl --cfg job` prints the result. Written from the schema by `make docs`: edit
+`romgrl/config/schema.py` (meaning, unit, range) or `conf/` (values) instead.
+"""
+
+
+def render() -> str:
+    """The whole page as Markdown."""
+    config = compose_config()
+    keys = schema_keys()
+    groups = list(dict.fromkeys(name.rpartition(".")[0] for name in keys))
+    return "\n".join([HEAD, *(section(group, keys, config) for group in groups)])
+
+
+def section(group: str, keys: dict[str, Field[Any]], config: Config) -> str:
+    """One group: what it is, its choices, and a table of its keys."""
+    doc = (type(getattr(config, group)) if group else Config).__doc__ or ""
+    lines = [f"## {group or 'Top level'}", "", " ".join(doc.split()), ""]
+    choices = sorted(path.stem for path in (CONF / (group or "experiment")).glob("*.yaml"))
+    lines += [f"Choices of `{group or 'experiment'}`: {', '.join(choices)}.", ""]
+    lines += ["| key | meaning | unit | values | default |", "|---|---|---|---|---|"]
+    for name, entry in keys.items():
+        if name.rpartition(".")[0] == group:
+            meaning = entry.metadata["doc"].replace("|", "\\|")
+            unit = entry.metadata["unit"]
+            cells = (
+                f"`{name}`",
+                meaning,
+                unit,
+                allowed(entry).replace(f" {unit}", "", 1) if unit else allowed(entry),
+                f"`{show(value_of(config, name)).removeprefix(f'{Path.cwd()}/')}`",
+            )
+            lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join([*lines, ""])
+
+
+def main() -> None:
+    """Write the page."""
+    PAGE.write_text(render(), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,197 @@
+"""Text as it was typed: 1.10, 1_000, 1e3, yes or true, which Hydra and YAML read as something else.
+
+Overrides get quotes before Hydra reads them, files their own words after YAML has read them.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterator, Sequence
+from functools import cache, lru_cache
+from pathlib import Path
+from typing import Any
+
+import yaml
+from antlr4 import InputStream, Token  # type: ignore[import-untyped]
+from hydra._internal.core_plugins import file_config_source
+from hydra._internal.sources_registry import SourcesRegistry
+from hydra.core.override_parser.overrides_visitor import HydraErrorListener
+from hydra.core.plugins import Plugins
+from hydra.errors import HydraException
+from hydra.grammar.gen.OverrideLexer import OverrideLexer
+from hydra.plugins.config_source import ConfigResult
+from omegaconf import DictConfig, OmegaConf
+from omegaconf._utils import get_yaml_loader
+
+from romgrl.config.addresses import in_quotes
+from romgrl.config.values import kind_of, one_line, schema_groups, schema_keys
+
+OF_HYDRA = ("run.dir", "sweep.dir", "sweep.subdir", "job.name")
+OF_LAUNCHERS = ("account", "comment", "constraint", "name", "nodelist", "partition", "qos", "submitit_folder")
+TEXT_OF_HYDRA = {*(f"hydra.{name}" for name in OF_HYDRA), *(f"hydra.launcher.{name}" for name in OF_LAUNCHERS)}
+LOSSY = (OverrideLexer.INT, OverrideLexer.FLOAT, OverrideLexer.BOOL, OverrideLexer.NULL)
+BETWEEN = (OverrideLexer.COMMA, OverrideLexer.EQUAL)
+OPENING = (OverrideLexer.POPEN, OverrideLexer.BRACKET_OPEN, OverrideLexer.BRACE_OPEN)
+CLOSING = (OverrideLexer.PCLOSE, OverrideLexer.BRACKET_CLOSE, OverrideLexer.BRACE_CLOSE)
+OF_TEXT = ("choice", "shuffle")  # functions whose arguments are values; those of `range` are numbers
+NULL = "null"  # a value of its own, in this spelling
+MERGE = "tag:yaml.org,2002:merge"
+LOSSY_TAGS = tuple(f"tag:yaml.org,2002:{name}" for name in ("int", "float", "bool"))
+PARAMETERS = ("hydra", "sweeper", "params")
+HEADER_FAULTS = ("Expected header format", "Too many components")  # as Hydra begins to say them
+HEADER = re.compile(r"\s*#\s*@\s*package\b", re.IGNORECASE)
+MARK = "\N{ZERO WIDTH NO-BREAK SPACE}"  # of the byte order, where a file begins
+
+
+@cache
+def is_text(key: str) -> bool:
+    """Tell whether a key takes text: a name, a path, an address, or a choice of a group."""
+    entry = schema_keys().get(key)
+    if entry is None:
+        return key in TEXT_OF_HYDRA or key in schema_groups() or "/" in key
+    return kind_of(entry).item == "str" and not kind_of(entry).many
+
+
+def is_any_text(key: str) -> bool:
+    """Tell whether a key takes any text, not one of a few choices."""
+    entry = schema_keys().get(key)
+    chosen = key in schema_groups() or "/" in key if entry is None else entry.metadata["choices"] or key == "experiment"
+    return is_text(key) and not chosen
+
+
+def quoted(override: str) -> str:
+    """An override, with quotes around each value that a key of text would lose; what cannot be read stays."""
+    key, _, value = override.partition("=")
+    if not value or not is_text(key.lstrip("+").partition("@")[0]):
+        return override
+    lexer: Any = OverrideLexer(InputStream(override))
+    lexer.removeErrorListeners()
+    lexer.addErrorListener(HydraErrorListener())
+    try:
+        lost = [*lossy(lexer.getAllTokens())]
+    except HydraException:
+        return override
+    for token in reversed(lost):
+        override = override[: token.start] + in_quotes(token.text) + override[token.stop + 1 :]
+    return override
+
+
+def lossy(tokens: Sequence[Any]) -> Iterator[Any]:
+    """Yield the token of each value that is no text to Hydra, where text is wanted: alone, in a sweep, in `choice`."""
+    opened: list[str] = []
+    element: list[Any] = []
+    previous, value = "", False
+    for token in [*tokens, None]:
+        kind = Token.EOF if token is None else token.type
+        if kind in (*BETWEEN, *OPENING, *CLOSING, Token.EOF):
+            lost = len(element) == 1 and element[0].type in LOSSY and element[0].text != NULL
+            if value and lost and set(opened) <= set(OF_TEXT):
+                yield element[0]
+            opened += [previous] if kind in OPENING else []
+            opened = opened[:-1] if kind in CLOSING else opened
+            element, value = [], value or kind == OverrideLexer.EQUAL
+        elif kind != OverrideLexer.WS:
+            element.append(token)
+        previous = token.text if token is not None else ""
+
+
+def quote_stored_sweep(config: DictConfig) -> None:
+    """Put the quotes into the sweep that a file stores, where Hydra's sweeper finds it."""
+    parameters = OmegaConf.select(config, "hydra.sweeper.params") or {}
+    for key, value in parameters.items():
+        parameters[key] = quoted(f"{key}={value}").partition("=")[2]
+
+
+class FileConfigSource(file_config_source.FileConfigSource):
+    """A directory of YAML files, in which keys of text have the text of the file.
+
+    It has the name of Hydra's own, for which Hydra then takes it in the processes of launchers, too.
+    """
+
+    def load_config(self, config_path: str) -> ConfigResult:
+        """Load a file as Hydra does. Raises HydraException for one whose `# @package` does not count."""
+        path = Path(os.path.join(self.path, self._normalize_file_name(config_path)))
+        try:
+            result = super().load_config(config_path)
+        except UnicodeError:
+            raise
+        except ValueError as error:
+            of_header = str(error).startswith(HEADER_FAULTS)
+            hint = "; write `# @package NAME` and no more on that line" if of_header else ""
+            raise HydraException(f"{path}: {one_line(str(error))}{hint}") from error
+        text = path.read_text(encoding="utf-8")
+        if result.header["package"] is None:
+            check_header(path, text)
+        if isinstance(result.config, DictConfig):
+            group = config_path.rpartition("/")[0].replace("/", ".")
+            package = group if (named := result.header["package"]) is None else named
+            put_back(result.config, package.replace("_global_", "").replace("_group_", group), text)
+        return result
+
+
+def use_text_source() -> None:
+    """Have Hydra read files through the class above."""
+    Plugins.instance()  # finds Hydra's own first
+    SourcesRegistry.instance().types["file"] = FileConfigSource
+
+
+def check_header(path: Path, text: str) -> None:
+    """Raise HydraException for a file that names its package where Hydra does not look for it."""
+    lines = text.removeprefix(MARK).splitlines()
+    number = next((number for number, line in enumerate(lines) if HEADER.match(line)), None)
+    if number is None:
+        return
+    above = next((place for place, line in enumerate(lines[:number]) if line.strip()), None)
+    cause = "write `# @package NAME`"
+    if text.startswith(MARK):
+        cause = "the file starts with a byte order mark; save it without one"
+    elif above is not None:
+        cause = f"line {above + 1} stands above it; make it the first line"
+    raise HydraException(f"{path}:{number + 1}: {' '.join(lines[number].split())[:80]} does not count: {cause}")
+
+
+def put_back(config: DictConfig, package: str, text: str) -> None:
+    """Give the keys of text in what YAML read the words of the file."""
+    prefix = tuple(part for part in package.split(".") if part)
+    for path, written in unread(text):
+        whole = (*prefix, *path)
+        if is_text(whole[-1] if whole[:-1] == PARAMETERS else ".".join(whole)):
+            node: Any = config
+            for part in path[:-1]:
+                node = node[part]
+            node[path[-1]] = written
+
+
+def holds(text: str, path: Sequence[str]) -> bool:
+    """Tell whether a file has a key."""
+    node = yaml.compose(text, Loader=get_yaml_loader())
+    for part in path:
+        if not isinstance(node, yaml.MappingNode) or part not in (held := entries(node)):
+            return False
+        node = held[part]
+    return True
+
+
+@lru_cache(maxsize=256)
+def unread(text: str) -> list[tuple[tuple[str, ...], str]]:
+    """Where YAML reads a number or a truth value in a file, and how it is written there."""
+    return [*plain_scalars(yaml.compose(text, Loader=get_yaml_loader()))]
+
+
+def entries(mapping: yaml.MappingNode) -> dict[str, yaml.Node]:
+    """What a mapping holds: its own entries, and those of the mappings that it merges with `<<`."""
+    merged = [value for key, value in mapping.value if key.tag == MERGE]
+    sources = [source for value in merged for source in (value.value if value.id == "sequence" else [value])]
+    held = {name: node for source in reversed(sources) for name, node in entries(source).items()}
+    own = {key.value: value for key, value in mapping.value if key.id == "scalar" and key.tag != MERGE}
+    return held | own
+
+
+def plain_scalars(node: yaml.Node | None, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], str]]:
+    """Path and words of every number and truth value without quotes under a node, lists left out."""
+    if isinstance(node, yaml.MappingNode):
+        for key, value in entries(node).items():
+            yield from plain_scalars(value, (*path, key))
+    elif isinstance(node, yaml.ScalarNode) and node.style is None and node.tag in LOSSY_TAGS:
+        yield path, node.value

@@ -1,0 +1,44 @@
+"""Paths of a composed configuration from the root on, as seen from where the command was started.
+
+No later change of the working directory moves them, and ~ is expanded once, here.
+"""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from romgrl.config.addresses import absolute, absolute_address
+
+PATHS = ("paths.outputs", "humanoid.xml", "hydra.run.dir", "hydra.sweep.dir")
+ADDRESSES = ("tracking.uri",)
+
+
+def settle(config: DictConfig) -> None:
+    """Rewrite every path in a configuration that Hydra has just composed, in place."""
+    for key in (*PATHS, *ADDRESSES):
+        group, _, leaf = key.rpartition(".")
+        try:
+            node: Any = OmegaConf.select(config, group)
+        except OmegaConfBaseException:  # whoever reads the key says what is wrong with it
+            continue
+        written = node._get_node(leaf) if isinstance(node, DictConfig) else None
+        text = written._value() if written is not None else None
+        if isinstance(text, str) and text.isprintable() and text.strip() and not text.startswith("???"):
+            rewritten = absolute_address(text) if key in ADDRESSES else whole(text, node, leaf)
+            if rewritten != text:
+                node[leaf] = rewritten
+
+
+def whole(text: str, node: DictConfig, leaf: str) -> str:
+    """A path from the root on; one that starts with an interpolation keeps it: jobs resolve it anew."""
+    if not text.startswith("${"):
+        return absolute(text)
+    try:
+        value = str(node[leaf])
+    except OmegaConfBaseException:
+        return text
+    return text if os.path.isabs(value) else absolute(value) if value.startswith("~") else f"{os.getcwd()}/{text}"

@@ -1,0 +1,1 @@
+"""One job: its stages in order, their workers, its run in MLflow."""

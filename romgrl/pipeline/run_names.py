@@ -1,0 +1,66 @@
+"""How runs are called and described in MLflow, so that a list of them can be read and one leads to the next."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from romgrl.artifacts import Manifest
+from romgrl.config.schema import Config
+from romgrl.config.values import value_of
+from romgrl.provenance.stage_keys import STAGES, stage_config, upstream_of
+from romgrl.report.terminal_tables import run_link
+from romgrl.results.sweep_record import settings
+from romgrl.runtime.stage_log import format_duration
+
+KNOBS = {"speed": "v", "eta": "eta", "noise": "noise", "seed": "s"}
+WALKING_KNOBS = {"speed": "v", "seed": "s"}
+TEACHING_KNOBS = {"teacher.speed": "v", "seed": "s"}
+SHOWN = {"teacher": TEACHING_KNOBS, "reference": TEACHING_KNOBS, "baseline": WALKING_KNOBS}
+Overrides = Sequence[str]
+
+
+def stage_title(stage: str, config: Config, overrides: Overrides) -> str:
+    """`student v=4 eta=0.5 noise=0.05 s=0`, and what else was chosen that the stage depends on."""
+    roots = {key for name in upstream_of(stage) | {stage} for key in STAGES[name].depends}
+    knobs = SHOWN.get(stage, KNOBS)
+    chosen = {
+        key: value
+        for key, value in settings(overrides).items()
+        if any(key == root or key.startswith(f"{root}.") or root.startswith(f"{key}.") for root in roots)
+    }
+    return joined(stage, knobs, stage_config(stage, config), chosen)
+
+
+def job_title(name: str, config: Config, overrides: Overrides) -> str:
+    """`job v=4 eta=0.5 noise=0.05 s=0` and what else was chosen; `name` where the job was given one."""
+    return joined(name if "=" not in name else "job", KNOBS, config, settings(overrides))
+
+
+def joined(first: str, knobs: Mapping[str, str], config: Config, chosen: Mapping[str, str]) -> str:
+    """A title of the knobs, and of the chosen settings that are none."""
+    shown = [f"{label}={value_of(config, key):g}" for key, label in knobs.items()]
+    rest = [f"{key}={value}" for key, value in chosen.items() if key not in KNOBS and key not in knobs]
+    return " ".join([first, *shown, *rest])
+
+
+def stage_note(title: str, stage: str, key: str, upstream: Mapping[str, Manifest]) -> str:
+    """The description of a stage's run, in Markdown: what it is, and the runs that made what it reads."""
+    lines = [f"**{title}**", "", f"Artifact `{stage}/{key}`."]
+    if upstream:
+        lines += ["", "Made from:", ""]
+        lines += [f"- {run_link(name, each.run_id)} `{each.key}`" for name, each in upstream.items()]
+    return "\n".join(lines)
+
+
+def job_note(
+    title: str, made: Mapping[str, Manifest], reused: Mapping[str, Manifest], numbers: Mapping[str, float]
+) -> str:
+    """The description of a job's run, in Markdown: its stages with links to their runs, and the numbers that matter."""
+    lines = [f"**{title}**", "", "| stage | | time | artifact |", "|---|---|---:|---|"]
+    for stage in (stage for stage in STAGES if stage in made):
+        each = made[stage]
+        how = "reused" if stage in reused else "made"
+        lines.append(f"| {run_link(stage, each.run_id)} | {how} | {format_duration(each.wall_time)} | `{each.key}` |")
+    if numbers:
+        lines += ["", "| number | |", "|---|---:|", *(f"| {name} | {value:.4g} |" for name, value in numbers.items())]
+    return "\n".join(lines)

@@ -1,0 +1,169 @@
+"""The graph of stages, and the key of each: what it is made from decides where it is stored."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Collection, Iterable, Mapping
+from dataclasses import asdict, dataclass, replace
+from functools import lru_cache
+from typing import Any
+
+from romgrl.config.schema import Config, Humanoid
+from romgrl.config.values import value_of
+from romgrl.errors import ArtifactError
+from romgrl.provenance.shipped import GROUPS, is_pretrained, shipped
+from romgrl.provenance.source_digest import source_digest
+from romgrl.provenance.versions import computing_versions
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A stage: the function that runs it, the stages it reads, and the keys that change what it makes."""
+
+    function: str
+    upstream: tuple[str, ...]
+    depends: tuple[str, ...]
+
+
+BODY = ("humanoid.xml", "humanoid.height", "humanoid.mass", "humanoid.control_frequency")
+STAGES: dict[str, Stage] = {
+    "teacher": Stage("romgrl.stages.teacher:run", (), ("rom", "teacher", *BODY, "seed", "device")),
+    "reference": Stage("romgrl.stages.reference:run", ("teacher",), ("rom", "teacher", *BODY, "reference", "seed")),
+    "student": Stage(
+        "romgrl.stages.student:run",
+        ("reference",),
+        ("student", "discriminator", "humanoid", "teacher.speed", "speed", "eta", "noise", "seed", "device"),
+    ),
+    "baseline": Stage("romgrl.stages.student:run", (), ("student", "humanoid", "speed", "seed", "device")),
+    "evaluation": Stage(
+        "romgrl.stages.evaluation:run",
+        ("reference", "student", "baseline"),
+        ("evaluation", "humanoid", "student.alpha", "teacher.speed", "speed", "seed"),
+    ),
+    "report": Stage(
+        "romgrl.stages.report:run",
+        ("teacher", "reference", "student", "baseline", "evaluation"),
+        ("rom", "teacher", "evaluation", "humanoid", "student.alpha", "speed", "eta", "noise", "seed"),
+    ),
+    "robustness": Stage(
+        "romgrl.stages.robustness:run",
+        ("teacher", "student", "baseline"),
+        ("robustness", "rom", "teacher", "humanoid", "student.alpha", "speed", "seed"),
+    ),
+}
+LABELS = ("rom.name", "teacher.name", "humanoid.name", "student.name")  # say what was chosen, change nothing
+
+
+def plan(targets: Iterable[str], present: Callable[[str], bool]) -> list[str]:
+    """The targets and, for each that is not there, what it needs; upstream first."""
+    needed = set(targets)
+    for stage in reversed(STAGES):
+        if stage in needed and not present(stage):
+            needed |= set(STAGES[stage].upstream)
+    return [stage for stage in STAGES if stage in needed]
+
+
+def share_threads(stages: Collection[str], threads: int) -> dict[str, int]:
+    """Threads of each stage that is to be made: half of all where another does not need it, nor it the other.
+
+    Decided before the first stage starts, so that no result depends on how long another stage takes.
+    """
+    ahead = {stage: upstream_of(stage) for stage in stages}
+
+    def beside(stage: str) -> bool:
+        return any(one != stage and one not in ahead[stage] and stage not in ahead[one] for one in stages)
+
+    return {stage: max(1, threads // 2) if beside(stage) else threads for stage in stages}
+
+
+def upstream_of(stage: str) -> set[str]:
+    """Every stage that a stage needs, directly or through others."""
+    direct = STAGES[stage].upstream
+    return set(direct).union(*(upstream_of(name) for name in direct))
+
+
+def stage_config(stage: str, config: Config) -> Config:
+    """The configuration that a stage sees: without imitation for the baseline and for discriminator=none."""
+    if stage == "baseline" or config.discriminator.name == "none":
+        silent = replace(config.discriminator, name="none", features="paper", window=1, stride=1, reward="recomputed")
+        student = replace(config.student, reference_resets=0.0)
+        return replace(config, eta=1.0, noise=0.0, discriminator=silent, student=student)
+    return config
+
+
+def stage_settings(stage: str, config: Config) -> dict[str, Any]:
+    """The keys that the stage depends on, with their values; a model file counts as what it describes."""
+    if is_pretrained(stage, config):
+        return pretrained_settings(stage)
+    config = stage_config(stage, config)
+    settings: dict[str, Any] = {}
+    for key in STAGES[stage].depends:
+        value = value_of(config, key)
+        nested = hasattr(value, "__dataclass_fields__")
+        settings |= {f"{key}.{name}": item for name, item in asdict(value).items()} if nested else {key: value}
+    if stage == "student" and config.discriminator.name == "none":
+        settings = {name: value for name, value in settings.items() if not name.startswith("discriminator.")}
+        settings["discriminator.name"] = "none"
+    if settings.get("humanoid.xml") is not None:
+        del settings["humanoid.xml"]
+        settings |= body_settings(stage, config)
+    return {name: settings[name] for name in sorted(settings.keys() - set(LABELS))}
+
+
+def body_settings(stage: str, config: Config) -> dict[str, Any]:
+    """What a stage depends on in the model that a file describes, compiled: included files count, their places do not.
+
+    The reduced-order model takes its sizes alone, and colours count where they are drawn. Raises ConfigurationError.
+    """
+    sizes, physics, full = body_digests(json.dumps(asdict(config.humanoid)))
+    described = {"humanoid.sizes": sizes}
+    if "humanoid" not in STAGES[stage].depends:
+        return described
+    return described | {"humanoid.xml": f"sha256:{full if stage == 'report' else physics}"}
+
+
+@lru_cache(maxsize=1)
+def body_digests(humanoid: str) -> tuple[str, str, str]:
+    """Sizes and the digests of physics and of all of a model file, compiled once for all stages of a job."""
+    from romgrl.humanoid import digest, model  # MuJoCo takes a moment to import
+
+    model.set_up_mujoco()
+    body = model.configured(Humanoid(**json.loads(humanoid)))
+    sizes = model.dimensions(body)
+    text = f"{sizes.mass:.9g} kg, leg {sizes.leg_length:.9g} m, ankle {sizes.ankle_height:.9g} m"
+    return text, digest.physics_digest(body), digest.full_digest(body)
+
+
+def require_same_body(config: Config) -> None:
+    """Raise ArtifactError where the model file is not what it was when the keys of the job were made."""
+    humanoid = json.dumps(asdict(config.humanoid))
+    if config.humanoid.xml is not None and body_digests.__wrapped__(humanoid) != body_digests(humanoid):
+        raise ArtifactError(f"{config.humanoid.xml}: the model changed while the job ran; the same command starts anew")
+
+
+def pretrained_settings(stage: str) -> dict[str, Any]:
+    """The settings of the training that made what ships, and the digest of it. Raises ArtifactError."""
+    manifest = shipped(stage)
+    settings = manifest.config | {f"{GROUPS[stage]}.pretrained": f"sha256:{manifest.digest}"}
+    return {name: settings[name] for name in sorted(settings)}
+
+
+def stage_function(stage: str, config: Config) -> str:
+    """The function that makes a stage, as `module:function`."""
+    return f"romgrl.stages.pretrained:{stage}" if is_pretrained(stage, config) else STAGES[stage].function
+
+
+def stage_key(stage: str, config: Config, upstream: Mapping[str, str]) -> str:
+    """SHA-256 (16 hexadecimal digits) over all that decides what a stage makes.
+
+    That is the stage's settings, its code, the versions of what computes, and the digests of the artifacts it reads.
+    """
+    document = {
+        "stage": stage,
+        "settings": stage_settings(stage, config),
+        "sources": source_digest(stage_function(stage, config)),
+        "versions": computing_versions(),
+        "upstream": dict(upstream),
+    }
+    return hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()[:16]

@@ -1,0 +1,170 @@
+"""Finished evaluations with everything that they were made from, found by the digests in their manifests."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from romgrl.artifacts import Manifest, open_artifact, read_manifest
+from romgrl.config.schema import Config
+from romgrl.config.values import show
+from romgrl.errors import ArtifactError
+from romgrl.provenance.stage_keys import STAGES, stage_settings, upstream_of
+from romgrl.report.terminal_tables import result_metrics, with_weakest
+
+LINEAGE = tuple(stage for stage in STAGES if stage in upstream_of("evaluation") | {"evaluation"})
+SHOWN_DIFFERENCES = 3
+TEACHER = "trained_teacher"  # the check that ends its training; `teacher` is what the reference has of it
+
+Catalogue = dict[str, dict[str, list[Manifest]]]  # stage -> digest -> manifests of artifacts with that content
+Settings = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """A verified evaluation. `lineage`: the manifests of each stage that it may come from.
+
+    There are several where settings or code differ and yet every bit is the same.
+    """
+
+    directory: Path
+    manifest: Manifest
+    lineage: dict[str, list[Manifest]]
+    numbers: dict[str, float]
+
+    @property
+    def settings(self) -> Settings:
+        """The settings of all stages together."""
+        return {key: value for stage in self.lineage.values() for key, value in stage[0].config.items()}
+
+    @property
+    def finished_at(self) -> float:
+        """When it was published, in seconds since 1970."""
+        return (self.directory / "manifest.json").stat().st_mtime
+
+
+def evaluations(outputs: Path) -> tuple[list[Evaluation], dict[Path, str]]:
+    """Every evaluation under `outputs` that is whole, oldest first, and why others are not."""
+    known, found, left_out = catalogue(outputs), [], {}
+    for path in sorted(outputs.glob("artifacts/evaluation/*/manifest.json")):
+        try:
+            found.append(read_evaluation(path.parent, known))
+        except ArtifactError as error:
+            left_out[path.parent] = str(error).partition(": ")[2] or str(error)
+    return sorted(found, key=lambda each: (each.finished_at, each.directory.name)), left_out
+
+
+def read_evaluation(directory: Path, known: Catalogue) -> Evaluation:
+    """Verify an evaluation and read its numbers. Raises ArtifactError."""
+    manifest = open_artifact(directory, stage="evaluation")
+    numbers, lineage = result_metrics(directory), trace(manifest, known)
+    for teacher in lineage.get("teacher", [])[:1]:
+        own = result_metrics(directory.parent.with_name("teacher") / teacher.key)
+        numbers |= {f"{TEACHER}/{name.partition('/')[2]}": value for name, value in own.items()}
+    return Evaluation(directory, manifest, lineage, with_weakest(numbers) | derived(numbers))
+
+
+def derived(numbers: Mapping[str, float]) -> dict[str, float]:
+    """How far the student's cadence is from the teacher's."""
+    found = {}
+    student, teacher = (numbers.get(f"{walker}/stride_frequency_hz", math.nan) for walker in ("student", "teacher"))
+    if math.isfinite(student) and teacher > 0:
+        found["student/stride_frequency_deviation_percent"] = 100.0 * abs(student / teacher - 1.0)
+    return found
+
+
+def catalogue(outputs: Path) -> Catalogue:
+    """The manifests under `outputs`; those that cannot be read are left out."""
+    known: Catalogue = {stage: {} for stage in LINEAGE}
+    for stage in LINEAGE:
+        for path in sorted(outputs.glob(f"artifacts/{stage}/*/manifest.json")):
+            try:
+                manifest = read_manifest(path.parent)
+            except ArtifactError:
+                continue
+            known[stage].setdefault(manifest.digest, []).append(manifest)
+    return known
+
+
+def trace(manifest: Manifest, known: Catalogue) -> dict[str, list[Manifest]]:
+    """The manifests of every stage that an artifact may come from, its own included."""
+    lineage: dict[str, list[Manifest]] = {manifest.stage: [manifest]}
+    for stage in reversed(LINEAGE):
+        for child in lineage.get(stage, []):
+            for name, digest in child.inputs.items():
+                several = lineage.setdefault(name, [])
+                several += [each for each in known[name].get(digest, []) if each not in several]
+    return lineage
+
+
+def differences(evaluation: Evaluation, config: Config) -> list[str]:
+    """In what an evaluation differs from a configuration with its seed, such as `eta 0.3 instead of 0.5`."""
+    found: dict[str, str] = {}
+    for stage in LINEAGE:
+        wanted = plain(stage_settings(stage, config)) | {"seed": evaluation.manifest.seed}
+        candidates = [dict(differing(plain(each.config), wanted)) for each in evaluation.lineage.get(stage, [])]
+        if not candidates:
+            found[stage] = f"its {stage} is not there any more"
+        else:
+            found = min(candidates, key=len) | found
+    return list(found.values())
+
+
+def differing(had: Settings, wanted: Settings) -> Iterator[tuple[str, str]]:
+    """Yield each key in which settings differ, and in which way."""
+    for key in sorted(had.keys() | wanted.keys()):
+        if key not in had:
+            yield key, f"made before {key} was a key"
+        elif key not in wanted:
+            yield key, f"{key} {show(had[key])}, which is no key any more"
+        elif had[key] != wanted[key]:
+            yield key, f"{key} {show(had[key])} instead of {show(wanted[key])}"
+
+
+def plain(settings: Mapping[str, Any]) -> Settings:
+    """Settings as a manifest reads them back."""
+    return dict(json.loads(json.dumps(settings)))
+
+
+def shortened(reasons: list[str]) -> str:
+    """The first reasons, and how many more there are."""
+    more = len(reasons) - SHOWN_DIFFERENCES
+    return ", ".join(reasons[:SHOWN_DIFFERENCES]) + (f" and {more} more" if more > 0 else "")
+
+
+@dataclass(frozen=True)
+class Selection:
+    """The evaluations of one configuration, one per seed, and why the others of the directory are not among them."""
+
+    used: list[Evaluation]
+    left_out: dict[Path, str]
+
+    @property
+    def seeds(self) -> list[int]:
+        """The seeds, ascending."""
+        return [each.manifest.seed for each in self.used]
+
+
+def codes(evaluations: Sequence[Evaluation]) -> int:
+    """By how many versions of code and libraries evaluations were made."""
+    return len({(each.manifest.revision, json.dumps(each.manifest.versions, sort_keys=True)) for each in evaluations})
+
+
+def select(outputs: Path, config: Config) -> Selection:
+    """The evaluations whose settings are those of a configuration but for the seed; of two of a seed, the newer one."""
+    found, left_out = evaluations(outputs)
+    by_seed: dict[int, Evaluation] = {}
+    for evaluation in found:
+        reasons = differences(evaluation, config)
+        seed = evaluation.manifest.seed
+        if reasons:
+            left_out[evaluation.directory] = shortened(reasons)
+            continue
+        if seed in by_seed:
+            left_out[by_seed[seed].directory] = f"there is a newer one of seed {seed}, made by other code"
+        by_seed[seed] = evaluation
+    return Selection([by_seed[seed] for seed in sorted(by_seed)], left_out)

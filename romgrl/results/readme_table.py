@@ -1,0 +1,76 @@
+"""The README's table: what the paper's sweep and the walking one came to, one column per speed and teacher."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import pandas as pd
+
+from romgrl.errors import ArtifactError
+from romgrl.gait.features import CHANNELS
+from romgrl.report.style import CHANNEL_LABELS
+from romgrl.report.tables import fixed, markdown
+from romgrl.results.results_document import CLAIMED, merged
+from romgrl.results.sweep_cells import JobResult, results
+from romgrl.results.sweep_record import sweeps
+
+START, END = "<!-- results -->", "<!-- end of results -->"
+GAIT = {
+    "falls_percent": ("episodes of 33 s with a fall [%]", 1),
+    "steady_speed_m_per_s": ("speed after 2 s [m/s]", 2),
+    "trunk_lean_deg": ("trunk lean, forward positive [deg]", 0),
+    "stride_frequency_hz": ("strides [Hz]", 2),
+}
+ROWS = {
+    "average/aligned/reduction_percent": ("aligned error, average: reduction [%]", 1),
+    **{
+        f"{channel}/aligned/reduction_percent": (f"aligned error, {CHANNEL_LABELS[channel]}: reduction [%]", 1)
+        for channel in CHANNELS
+    },
+    "average/raw/reduction_percent": ("raw error, average: reduction [%]", 1),
+    "teacher/stride_frequency_hz": ("teacher: strides [Hz]", 2),
+    **{
+        f"{walker}/{name}": (f"{walker}: {label}", decimals)
+        for walker in ("student", "baseline")
+        for name, (label, decimals) in GAIT.items()
+    },
+}  # the number, its label and its decimals
+
+
+def write_readme(outputs: Path, document: Path) -> None:
+    """Put the table between the markers. Raises ArtifactError where there is no such sweep, or no such place."""
+    found = [sweep for sweep in merged(sweeps(outputs)) if sweep.name in CLAIMED]
+    jobs = [each for sweep in found for each in results(sweep, outputs) if each.evaluation is not None]
+    if not jobs:
+        raise ArtifactError(f"{outputs}: no job of the sweeps {' and '.join(CLAIMED)} has finished")
+    before, _, rest = document.read_text(encoding="utf-8").partition(START)
+    if END not in rest:
+        raise ArtifactError(f"{document}: has no markers {START} and {END}")
+    document.write_text(
+        f"{before}{START}\n\n{markdown(runs_table(jobs))}\n{END}{rest.partition(END)[2]}", encoding="utf-8"
+    )
+
+
+def runs_table(jobs: Sequence[JobResult]) -> pd.DataFrame:
+    """One row per number, one column per speed and teacher: the mean over the seeds, the smallest and the largest."""
+    groups: dict[tuple[float, float], list[JobResult]] = {}
+    for each in jobs:
+        assert each.evaluation is not None
+        of = each.evaluation.settings
+        groups.setdefault((float(of["speed"]), float(of["teacher.speed"])), []).append(each)
+    table = {"mean (smallest to largest)": [label for label, _ in ROWS.values()]}
+    for (speed, taught), several in sorted(groups.items(), reverse=True):
+        seeds = len({each.evaluation.manifest.seed for each in several if each.evaluation})
+        title = f"{speed:g} m/s, {seeds} seed{'s' if seeds > 1 else ''}"
+        title += f", teacher of {taught:g} m/s" if taught != speed else ""
+        title += ", short budget" if any(each.short for each in several) else ""
+        table[title] = [spread(several, name, decimals) for name, (_, decimals) in ROWS.items()]
+    return pd.DataFrame(table)
+
+
+def spread(jobs: Sequence[JobResult], name: str, decimals: int) -> str:
+    """The mean of a number over jobs, and in brackets its smallest and largest value."""
+    values = pd.Series([each.numbers.get(name) for each in jobs], dtype=float)
+    mean, low, high = (fixed(float(value), decimals) for value in (values.mean(), values.min(), values.max()))
+    return f"{mean} ({low} to {high})" if values.count() > 1 else mean

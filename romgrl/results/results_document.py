@@ -1,0 +1,174 @@
+"""docs/results.md: every sweep with its commands, claims, tables, figures and proofs. Nothing is typed by hand."""
+
+from __future__ import annotations
+
+import shlex
+import shutil
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import pandas as pd
+
+from romgrl.errors import ArtifactError
+from romgrl.report.tables import markdown
+from romgrl.results.claims import claims_for, find, read_claims
+from romgrl.results.evaluation_index import Evaluation, codes
+from romgrl.results.sweep_cells import JobResult, results
+from romgrl.results.sweep_record import Sweep, settings, sweeps
+from romgrl.results.sweep_tables import failures, write_tables
+from romgrl.results.verify import baseline_sheet, claims_sheet, counted, errors_sheet, warnings
+
+PAPER = "paper"
+CLAIMED = (PAPER, "walking")  # the sweeps whose cells the claims are compared with
+PRIVATE = ("paths", "tracking")  # what of a command is about one machine
+TRAININGS = ("teacher", "student", "baseline")
+PARTS = ("claims", "errors", "baseline")
+HEAD = """# Results
+
+All of it is written by `python -m romgrl.results outputs docs` from the artifacts of sweeps; the numbers are in
+`docs/results/` as CSV, too. Brackets hold 95% bootstrap intervals over seeds, and [method.md](method.md) says how to
+read them. `one seed` and `short budget` (fewer training steps than the default) stand beside what that is true of,
+`baseline falls` where there is no baseline to compare with. Where a target is missed, method.md says
+[what was tried](method.md#what-decides-the-students-cadence).
+"""
+
+
+def write_document(outputs: Path, docs: Path) -> list[Path]:
+    """Write results.md and results/ from the sweeps under `outputs`; returns what was written. Raises ArtifactError."""
+    found = merged(sweeps(outputs))
+    if not found:
+        command = "python -m romgrl --config-dir sweeps --config-name paper"
+        raise ArtifactError(f"{outputs}: holds no sweep; {command} makes one")
+    directory = docs / "results"
+    directory.mkdir(parents=True, exist_ok=True)
+    text = [HEAD]
+    for sweep in sorted(found, key=lambda each: (each.name != PAPER, each.title)):
+        jobs = results(sweep, outputs)
+        text += section(sweep, jobs, outputs, directory)
+    (docs / "results.md").write_text("\n".join(text), encoding="utf-8")
+    return [docs / "results.md", *sorted(directory.iterdir())]
+
+
+def merged(found: Sequence[Sweep]) -> list[Sweep]:
+    """One sweep for each title: the jobs of all runs of it, each as it ended last."""
+    by_title: dict[str, Sweep] = {}
+    for sweep in found:
+        known = by_title.get(sweep.title)
+        if known is None:
+            by_title[sweep.title] = sweep
+            continue
+        jobs = {tuple(sorted(settings(job).items())): job for job in [*known.jobs, *sweep.jobs]}
+        command = "\n".join(dict.fromkeys([*known.command.splitlines(), sweep.command]))
+        ends = [*known.ends, *sweep.ends]
+        by_title[sweep.title] = replace(sweep, jobs=[*jobs.values()], command=command, ends=ends)
+    return list(by_title.values())
+
+
+def section(sweep: Sweep, jobs: list[JobResult], outputs: Path, directory: Path) -> list[str]:
+    """A sweep: command, machine, claims where it is the paper's, joint table, figures, and the proof of each job."""
+    slug = sweep.title.replace(" ", "_").replace(",", "").replace(".", "_")
+    prefix = f"{slug}_"
+    for old in directory.glob(f"{prefix}*"):
+        old.unlink()
+    table, paths = write_tables(sweep, jobs, outputs, directory / ".new")
+    for path in paths:
+        path.replace(directory / f"{prefix}{path.name}")
+    shutil.rmtree(directory / ".new")
+    text = [f"## {sweep.title}", "", *(f"    {public(line)}" for line in sweep.command.splitlines()), ""]
+    text += [provenance(sweep, jobs), "", *table, *failures(jobs), ""]
+    if sweep.name in CLAIMED:
+        text += claims(jobs, directory)
+    for figure in sorted(directory.glob(f"{prefix}*.png")):
+        text += [f"![{sweep.title}, {figure.stem.removeprefix(prefix)}](results/{figure.name})", ""]
+    links = [f"[{path.name}](results/{prefix}{path.name})" for path in paths if path.suffix == ".csv"]
+    return [*text, proofs(jobs), f"All numbers: {', '.join(links)}.", ""]
+
+
+def public(command: str) -> str:
+    """A command without what is about one machine."""
+    words = []
+    for word in shlex.split(command):
+        key, equals, value = word.partition("=")
+        if key.lstrip("+").partition(".")[0] not in PRIVATE:
+            words.append(f"{key}{equals}{last_part(value)}" if equals else last_part(word))
+    return shlex.join(words)
+
+
+def last_part(text: str) -> str:
+    """The name at the end of an absolute path, any other text as it is."""
+    return Path(text).name if text.startswith("/") else text
+
+
+def provenance(sweep: Sweep, jobs: Sequence[JobResult]) -> str:
+    """How many jobs, on what, how long, with which versions."""
+    evaluations = [each.evaluation for each in jobs if each.evaluation is not None]
+    done = sum(each.error is None for each in jobs)
+    made = {
+        (several[0].key, several[0].stage): several[0].wall_time
+        for evaluation in evaluations
+        for several in evaluation.lineage.values()
+    }
+    machine = sweep.machine
+    text = f"{done} of {counted(len(jobs), 'job')} finished. Machine: {machine.get('processor', 'unknown')}, "
+    text += f"{machine.get('cores_used', '?')} of {machine.get('cores', '?')} cores, {machine.get('system', '')}. "
+    if made:
+        text += (
+            f"Their {counted(len(made), 'artifact')} took {sum(made.values()) / 60:.0f} minutes, one after the other. "
+        )
+        versions = evaluations[0].manifest.versions
+        text += "Versions: " + ", ".join(f"{name} {number}" for name, number in sorted(versions.items())) + "."
+        if codes(evaluations) > 1:
+            text += f" {codes(evaluations)} versions of code or libraries made them."
+    return text
+
+
+def claims(jobs: Sequence[JobResult], directory: Path) -> list[str]:
+    """The claims about each cell, its errors and the spread of its baseline."""
+    text = []
+    cells: dict[tuple[str, ...], list[JobResult]] = {}
+    for each in jobs:
+        if each.evaluation is not None:
+            cells.setdefault(each.cell, []).append(each)
+    for cell in cells.values():
+        evaluations = [each.evaluation for each in cell if each.evaluation is not None]
+        of = evaluations[0].settings
+        name = f"{of['speed']:g} m/s, teacher of {of['teacher.speed']:g} m/s"
+        text += [f"### Claims at {name}", "", *remarks(cell), *claim_tables(evaluations, directory)]
+    return text
+
+
+def remarks(cell: Sequence[JobResult]) -> list[str]:
+    """What must stand beside the numbers of a cell."""
+    seeds = ", ".join(each.swept.get("seed", "default") for each in cell)
+    lines = [f"Seeds {seeds}." if len(cell) > 1 else f"One seed ({seeds})."]
+    if any(each.short for each in cell):
+        lines.append("Short budget: " + "; ".join(dict.fromkeys(text for each in cell for text in each.short)) + ".")
+    return [" ".join(lines), ""]
+
+
+def claim_tables(evaluations: list[Evaluation], directory: Path) -> list[str]:
+    """Claims, errors, spread of the baseline and warnings; each table as CSV, too."""
+    of = evaluations[0].settings
+    findings = [find(claim, evaluations) for claim in claims_for(of, read_claims())]
+    sheets = [claims_sheet(findings), errors_sheet(evaluations), baseline_sheet(evaluations)]
+    text = []
+    for part, sheet in zip(PARTS, sheets, strict=True):
+        if sheet.rows:
+            name = f"{PAPER}_{part}_{of['speed']:g}_teacher_{of['teacher.speed']:g}.csv"
+            pd.DataFrame(sheet.rows, columns=list(sheet.columns)).to_csv(directory / name, index=False)
+            text += [f"{sheet.title}:", "", sheet.markdown()]
+    return [*text, *(f"- {line}" for line in warnings(evaluations)), ""]
+
+
+def proofs(jobs: Sequence[JobResult]) -> str:
+    """A row per job: wall time of its stages, key and digest of its evaluation, and the code that made it."""
+    rows = []
+    for each in jobs:
+        if each.evaluation is not None:
+            manifest = each.evaluation.manifest
+            minutes = {stage: several[0].wall_time / 60 for stage, several in each.evaluation.lineage.items()}
+            row = each.swept | {f"{stage} [min]": f"{minutes[stage]:.1f}" for stage in TRAININGS if stage in minutes}
+            code = (manifest.revision or "unknown")[:10] + (" with changes" if manifest.dirty else "")
+            rows.append(row | {"evaluation": manifest.key, "digest": manifest.digest[:16], "code": code})
+    return markdown(pd.DataFrame(rows)) if rows else ""

@@ -1,0 +1,197 @@
+"""The jobs of a sweep as tables: one row per job, and one row per cell and number with its statistics over seeds."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from romgrl.artifacts import Manifest
+from romgrl.errors import ArtifactError
+from romgrl.gait.features import CHANNELS
+from romgrl.report.terminal_tables import result_metrics, robustness_metrics, with_falls
+from romgrl.results.evaluation_index import TEACHER, Catalogue, Evaluation, catalogue, read_evaluation
+from romgrl.results.statistics import improvement_interval, probability_of_improvement, summarize
+from romgrl.results.sweep_record import JobEnd, Sweep, settings
+
+SEED = "seed"
+ERRORS = [f"{channel}/aligned" for channel in (*CHANNELS, "average")] + ["average/raw"]
+BASELINE = "average/aligned/baseline"  # missing where too many of the baseline's episodes fell
+DISTANCES = ["mmd/all", "wasserstein/all", "dtw/all"]
+GAITS = (
+    "falls_percent",
+    "mean_speed_m_per_s",
+    "steady_speed_m_per_s",
+    "speed_error_percent",
+    "stride_frequency_hz",
+    "duty_factor",
+    "left_right_symmetry",
+    "pelvis_excursion_m",
+    "trunk_lean_deg",
+    "cost_of_transport",
+)
+WALKERS = ("student", "baseline", "teacher", TEACHER)
+MEASURES = [
+    *(f"{name}/reduction_percent" for name in ERRORS),
+    "weakest/aligned/reduction_percent",
+    *(f"{name}/{walker}" for name in [*ERRORS, *DISTANCES] for walker in WALKERS[:2]),
+    *(f"{walker}/{name}" for walker in WALKERS for name in GAITS),
+    "student/stride_frequency_deviation_percent",
+]
+
+
+@dataclass(frozen=True)
+class JobResult:
+    """A job: the values of the swept keys, how it ended, its numbers and the evaluation that they are from."""
+
+    swept: dict[str, str]
+    end: JobEnd
+    numbers: dict[str, float]
+    evaluation: Evaluation | None = None
+    error: str | None = None
+    short: tuple[str, ...] = ()
+
+    @property
+    def cell(self) -> tuple[str, ...]:
+        """The values of all swept keys but the seed."""
+        return tuple(value for key, value in self.swept.items() if key != SEED)
+
+
+def of_students(cells: pd.DataFrame) -> bool:
+    """Tell whether cells have numbers of students; those of a sweep over teachers have none."""
+    return bool(cells["number"].str.contains("student/|reduction_percent").any())
+
+
+def results(sweep: Sweep, outputs: Path) -> list[JobResult]:
+    """Every job of a sweep."""
+    known = catalogue(outputs)
+    return [result(sweep, job, outputs, known) for job in sweep.jobs]
+
+
+def result(sweep: Sweep, job: list[str], outputs: Path, known: Catalogue) -> JobResult:
+    """One job, with the numbers of its evaluation, or of its teacher where it went no further."""
+    end = sweep.end_of(job)
+    own = settings(job)
+    swept = {key: own.get(key, "default") for key in sweep.swept}
+    if end.error is not None:
+        return JobResult(swept, end, {}, error=end.error.replace(f"{outputs}/", ""))
+    places = {stage: located(outputs, Path(path)) for stage, path in end.artifacts.items()}
+    try:
+        if "robustness" in places:
+            return JobResult(swept, end, robustness_metrics(places["robustness"]))
+        if "evaluation" in places:
+            evaluation = read_evaluation(places["evaluation"], known)
+            short = short_budgets(evaluation.settings, sweep.usual)
+            return JobResult(swept, end, with_falls(evaluation.numbers), evaluation, short=short)
+        if "teacher" in places:
+            short = short_budgets(known_manifest(places["teacher"], known).config, sweep.usual)
+            return JobResult(swept, end, with_falls(result_metrics(places["teacher"])), short=short)
+    except ArtifactError as error:
+        return JobResult(swept, end, {}, error=str(error).replace(f"{outputs}/", ""))
+    return JobResult(swept, end, {})
+
+
+def known_manifest(directory: Path, known: Catalogue) -> Manifest:
+    """The manifest of an artifact of the catalogue. Raises ArtifactError where it is not in it."""
+    for several in known[directory.parent.name].values():
+        for manifest in several:
+            if manifest.key == directory.name:
+                return manifest
+    raise ArtifactError(f"{directory}: is not there any more")
+
+
+def located(outputs: Path, path: Path) -> Path:
+    """Where an artifact is in these outputs, which may be a copy from another place."""
+    return outputs / "artifacts" / path.parent.name / path.name
+
+
+def short_budgets(made_with: Mapping[str, Any], usual: Mapping[str, float]) -> tuple[str, ...]:
+    """The settings that are below their usual value, as `student.total_steps 1000 of 200000`."""
+    return tuple(
+        f"{key} {made_with[key]} of {steps}" for key, steps in usual.items() if made_with.get(key, steps) < steps
+    )
+
+
+def jobs_table(found: list[JobResult]) -> pd.DataFrame:
+    """One row per job: swept values, how it ended, artifact, digest, hours of its stages, all of its numbers."""
+    rows = []
+    for each in found:
+        row: dict[str, Any] = {**each.swept, "ended": each.error or "finished", "budget": "; ".join(each.short)}
+        if each.evaluation is not None:
+            manifest = each.evaluation.manifest
+            row |= {"evaluation": manifest.key, "digest": manifest.digest, "code": manifest.revision}
+            row["training_minutes"] = round(training_seconds(each.evaluation) / 60, 2)
+        rows.append(row | each.numbers)
+    return pd.DataFrame(rows)
+
+
+def training_seconds(evaluation: Evaluation) -> float:
+    """Wall time of all stages behind an evaluation, one after the other, on the machine that made them."""
+    return sum(several[0].wall_time for several in evaluation.lineage.values())
+
+
+def cells_table(found: list[JobResult]) -> pd.DataFrame:
+    """One row per cell and number: its statistics over seeds."""
+    cells: dict[tuple[str, ...], list[JobResult]] = {}
+    for each in found:
+        if each.error is None:
+            cells.setdefault(each.cell, []).append(each)
+    rows = []
+    for several in cells.values():
+        swept = {key: value for key, value in several[0].swept.items() if key != SEED}
+        rows += [swept | row for row in (number_row(several, measure) for measure in MEASURES) if row]
+    return pd.DataFrame(rows)
+
+
+def number_row(several: list[JobResult], measure: str) -> dict[str, Any]:
+    """The statistics of one number over the seeds of a cell; none where no seed has it."""
+    values = [each.numbers.get(measure, math.nan) for each in several]
+    summary = summarize(values)
+    if not len(summary.values):
+        return {}
+    row: dict[str, Any] = {
+        "number": measure,
+        "seeds": summary.seeds,
+        "without": summary.missing,
+        "mean": summary.mean,
+        "low": summary.mean_interval.low,
+        "high": summary.mean_interval.high,
+        "iqm": summary.iqm,
+        "iqm_low": summary.iqm_interval.low,
+        "iqm_high": summary.iqm_interval.high,
+        "deviation": summary.deviation,
+        "smallest": summary.smallest,
+        "largest": summary.largest,
+    }
+    row |= improvement(several, measure)
+    return row | {"note": note(several)}
+
+
+def improvement(several: list[JobResult], measure: str) -> dict[str, float]:
+    """Probability that the student's error or distance is below the baseline's."""
+    if not measure.endswith("/student"):
+        return {}
+    other = measure.removesuffix("student") + "baseline"
+    ours, theirs = (
+        -np.array([each.numbers[name] for each in several if name in each.numbers]) for name in (measure, other)
+    )
+    if not (len(ours) and len(theirs)):
+        return {}
+    ends = improvement_interval(ours, theirs)
+    return {
+        "improvement": probability_of_improvement(ours, theirs),
+        "improvement_low": ends.low,
+        "improvement_high": ends.high,
+    }
+
+
+def note(several: list[JobResult]) -> str:
+    """What must stand beside the numbers of a cell."""
+    alone = any("baseline/falls_percent" in each.numbers and BASELINE not in each.numbers for each in several)
+    said = {"one seed": len(several) == 1, "short budget": any(each.short for each in several), "baseline falls": alone}
+    return ", ".join(text for text, true in said.items() if true)

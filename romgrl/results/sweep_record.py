@@ -1,0 +1,136 @@
+"""What a sweep was asked for and how each of its jobs ended, as files in its directory.
+
+sweep.json is written when it starts, a line of jobs.jsonl by each job when it ends, in whatever process that runs.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from romgrl.config.addresses import without_quotes
+from romgrl.errors import ArtifactError
+
+SWEEP_VARIABLE = "ROMGRL_SWEEP"  # directory of the sweep, for its jobs
+SWEEP, JOBS, RESULTS = "sweep.json", "jobs.jsonl", "results"
+UNFINISHED = "did not end"
+HOW = ("hydra", "paths", "tracking", "threads", "device", "parallel_stages", "checkpoint_seconds", "stage")
+
+
+@dataclass(frozen=True)
+class JobEnd:
+    """How a job ended: its stages' artifacts, or the line of its failure. `seconds`: how long it ran."""
+
+    overrides: list[str]
+    artifacts: dict[str, str] = field(default_factory=dict)
+    error: str | None = None
+    seconds: float = 0.0
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """A sweep: the file that stores it, the command that started it, the overrides of each job, and where it ran.
+
+    `started`: seconds since 1970; `usual`: settings below which the budget of a job counts as short.
+    """
+
+    directory: Path
+    name: str
+    command: str
+    jobs: list[list[str]]
+    machine: dict[str, Any]
+    started: float
+    usual: dict[str, float]
+    ends: list[JobEnd] = field(default_factory=list)
+
+    @property
+    def swept(self) -> list[str]:
+        """The keys in which its jobs differ, in the order of the overrides."""
+        values: dict[str, set[str | None]] = {}
+        jobs = [settings(job) for job in self.jobs]
+        for key in dict.fromkeys(key for job in jobs for key in job):
+            values[key] = {job.get(key) for job in jobs}
+        return [key for key, found in values.items() if len(found) > 1]
+
+    @property
+    def title(self) -> str:
+        """The name of the file that stores it, or the keys that it varies."""
+        return self.name if self.name != "config" else f"sweep over {', '.join(self.swept) or 'one job'}"
+
+    def end_of(self, job: Sequence[str]) -> JobEnd:
+        """How a job ended, the last time where it ran more than once."""
+        wanted = settings(job)
+        ends = [end for end in self.ends if settings(end.overrides) == wanted]
+        return ends[-1] if ends else JobEnd([*job], error=UNFINISHED)
+
+
+def settings(overrides: Sequence[str]) -> dict[str, str]:
+    """Overrides as key and value, without those that only say how and where a job runs."""
+    pairs = (text.lstrip("+").partition("=") for text in overrides)
+    return {key: without_quotes(value) for key, _, value in pairs if key.partition(".")[0].partition("/")[0] not in HOW}
+
+
+def write_sweep(directory: Path, name: str, command: str, jobs: Sequence[Sequence[str]], **more: Any) -> None:
+    """Write down what was asked for, and tell the jobs where. `more`: machine, started, usual."""
+    directory.mkdir(parents=True, exist_ok=True)
+    document = {"name": name, "command": command, "jobs": [[*job] for job in jobs], **more}
+    (directory / SWEEP).write_text(json.dumps(document, indent=2), encoding="utf-8")
+    os.environ[SWEEP_VARIABLE] = str(directory)
+
+
+def note_end(end: JobEnd) -> None:
+    """Let the sweep that this job belongs to know how it ended; no sweep, no note."""
+    directory = os.environ.get(SWEEP_VARIABLE)
+    if directory:
+        with Path(directory, JOBS).open("a", encoding="utf-8") as lines:
+            lines.write(json.dumps(asdict(end)) + "\n")
+
+
+def position(overrides: Sequence[str]) -> tuple[int, int] | None:
+    """Which job of its sweep these overrides make, from 1, and how many there are; None outside a sweep."""
+    directory = os.environ.get(SWEEP_VARIABLE)
+    try:
+        places, jobs = places_of(directory, Path(directory, SWEEP).stat().st_mtime_ns) if directory else ({}, 0)
+    except (OSError, ArtifactError):
+        return None
+    place = places.get(frozenset(settings(overrides).items()))
+    return None if place is None else (place, jobs)
+
+
+@lru_cache(maxsize=1)
+def places_of(directory: str, written: int) -> tuple[dict[frozenset[tuple[str, str]], int], int]:
+    """The place of each job of a sweep by its settings, from 1, and how many there are; read once in a process."""
+    jobs = [frozenset(settings(job).items()) for job in read_sweep(Path(directory)).jobs]
+    return {job: place for place, job in reversed([*enumerate(jobs, 1)])}, len(jobs)
+
+
+def read_sweep(directory: Path) -> Sweep:
+    """A sweep from its directory. Raises ArtifactError where its files are not what was written."""
+    try:
+        document = json.loads((directory / SWEEP).read_text(encoding="utf-8"))
+        path = directory / JOBS
+        lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
+        return Sweep(directory=directory, **document, ends=[read_end(json.loads(line)) for line in lines])
+    except (OSError, ValueError, TypeError) as error:
+        raise ArtifactError(f"{directory / SWEEP}: cannot be read: {error}") from error
+
+
+def read_end(document: Mapping[str, Any]) -> JobEnd:
+    """A line of jobs.jsonl."""
+    return JobEnd(**document)
+
+
+def sweeps(outputs: Path) -> list[Sweep]:
+    """The sweeps under `outputs`, oldest first; those that cannot be read are left out."""
+    found = []
+    for path in sorted(outputs.glob(f"sweeps/*/{SWEEP}")):
+        try:
+            found.append(read_sweep(path.parent))
+        except ArtifactError:
+            continue
+    return sorted(found, key=lambda sweep: sweep.started)

@@ -1,0 +1,1 @@
+"""What accompanies a training: checkpoints, statistics, the choice of the policy."""

@@ -1,0 +1,86 @@
+"""Checkpoints of a running training: when they are written, where it goes on, and how a signal ends it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Protocol
+
+from romgrl.artifacts.checkpoint import CHECKPOINT, Checkpoints, Ring, State
+from romgrl.errors import DivergenceError
+from romgrl.runtime import signals
+from romgrl.runtime.stage_log import StageLog
+
+
+class Stateful(Protocol):
+    """A part of a training whose state can be taken and put back."""
+
+    def state(self) -> State:
+        """All that its next steps depend on."""
+
+    def restore(self, state: State) -> None:
+        """Go on from a state."""
+
+
+class Keeper:
+    """Keeps the state of all `parts` of a training of `total` steps in its workspace `output`.
+
+    `save_policy` writes what can be used at once; `seconds` of work lie between two checkpoints; `ring` is the replay
+    buffer, the rows of which are no part of its state.
+    """
+
+    def __init__(
+        self,
+        output: Path,
+        parts: Mapping[str, Stateful],
+        *,
+        save_policy: Callable[[], None],
+        seconds: float,
+        total: int,
+        log: StageLog,
+        ring: Ring | None = None,
+    ) -> None:
+        self._checkpoints = Checkpoints(output / CHECKPOINT, ring=ring, say=log.message)
+        self._parts, self._save_policy = parts, save_policy
+        self._seconds, self._total, self._log = seconds, total, log
+        self._saved = time.monotonic()
+        self._step = 0
+
+    def go_on(self) -> int:
+        """Restore the newest checkpoint and return its step; 0 where there is none."""
+        found = self._checkpoints.load()
+        if found is None:
+            return 0
+        step, state = found
+        for name, part in self._parts.items():
+            part.restore(state[name])
+        self._step = step
+        self._log.resumed(step)
+        self._log.message(f"goes on at step {step:,} of {self._total:,}")
+        self._saved = time.monotonic()
+        return step
+
+    @contextmanager
+    def watch(self, stage: str) -> Iterator[None]:
+        """Keep signals back for `keep`, and tell after which step a training left the finite numbers."""
+        try:
+            with signals.deferred():
+                yield
+        except DivergenceError as error:
+            raise DivergenceError(
+                f"{stage}: {error}, after step {self._step:,}; the last checkpoint is kept"
+            ) from error
+
+    def keep(self, step: int) -> None:
+        """Write a checkpoint where one is due; where a signal has come, write it and raise Interrupted."""
+        self._step = step
+        pending = signals.pending()
+        if pending or time.monotonic() - self._saved >= self._seconds:
+            self._save_policy()
+            self._checkpoints.save(step, {name: part.state() for name, part in self._parts.items()})
+            self._saved = time.monotonic()
+        if pending:
+            self._log.message(f"interrupted at step {step:,} of {self._total:,}; the same command goes on there")
+            signals.check()

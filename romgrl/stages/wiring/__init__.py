@@ -1,0 +1,1 @@
+"""From a configuration and artifacts to the objects that a stage works with."""

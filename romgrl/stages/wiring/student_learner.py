@@ -1,0 +1,132 @@
+"""The learner of a configuration: agent, discriminator, replay buffer and their mirrors, wired together."""
+
+from __future__ import annotations
+
+from concurrent.futures import Executor
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from romgrl.algorithms.discriminator import Discriminator
+from romgrl.algorithms.networks.running_normalizer import RunningNormalizer
+from romgrl.algorithms.replay_buffer import Mirror, ReplayBuffer
+from romgrl.algorithms.rom_grl import RomGrl
+from romgrl.algorithms.sac import SAC
+from romgrl.config.schema import Config
+from romgrl.gait.discriminator_windows import WindowLayout, reference_windows
+from romgrl.humanoid.skeleton import HINGES
+from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
+from romgrl.stages.wiring.inputs import read_reference
+
+ArrayMirror = tuple[NDArray[np.int64], NDArray[np.float32]]
+
+
+def build_learner(
+    config: Config,
+    env: PlanarHumanoidVectorEnv,
+    columns: Tensor,
+    layout: WindowLayout,
+    reference: Path | None,
+    lane: Executor | None = None,
+) -> RomGrl:
+    """Wire agent, discriminator and replay buffer from the configuration; `lane` is a second thread for the agent."""
+    student, judge = config.student, config.discriminator
+    mirrors: dict[str, Mirror | None] = {"observation": None, "action": None, "frames": None}
+    if student.mirror:
+        mirrors["observation"] = on_device(compact_mirror(env.mirror_observation, columns), config.device)
+        mirrors["action"] = on_device(env.mirror_action, config.device)
+        mirrors["frames"] = on_device(layout.mirror(), config.device)
+    buffer = ReplayBuffer(
+        capacity=student.buffer_size,
+        num_envs=env.num_envs,
+        observation_size=len(columns),
+        action_size=len(HINGES),
+        frame_size=layout.size,
+        seed=config.seed,
+        device=config.device,
+        **{f"mirror_{name}": mirror for name, mirror in mirrors.items()},
+    )
+    sac = SAC(
+        observation_size=len(columns),
+        action_size=len(HINGES),
+        hidden_sizes=list(student.hidden_sizes),
+        layer_norm=student.layer_norm,
+        policy_learning_rate=student.policy_learning_rate,
+        critic_learning_rate=student.critic_learning_rate,
+        temperature_learning_rate=student.temperature_learning_rate,
+        initial_temperature=student.initial_temperature,
+        target_entropy_scale=student.target_entropy_scale,
+        gamma=student.gamma,
+        tau=student.tau,
+        policy_delay=student.policy_delay,
+        critic_target=student.critic_target,
+        policy_average=student.policy_average,
+        simultaneous=student.simultaneous,
+        lane=lane,
+        seed=config.seed,
+        device=config.device,
+    )
+    return RomGrl(
+        sac=sac,
+        discriminator=build_discriminator(config, layout, reference),
+        buffer=buffer,
+        normalizer=RunningNormalizer(len(columns), enabled=student.normalize_observation, device=config.device),
+        eta=config.eta,
+        batch_size=student.batch_size,
+        discriminator_interval=judge.update_interval,
+        discriminator_batch=judge.batch_size,
+        discriminator_recent=judge.recent_steps,
+        stored_reward=judge.reward == "stored",
+    )
+
+
+def build_discriminator(config: Config, layout: WindowLayout, reference: Path | None) -> Discriminator | None:
+    """The judge, with the windows of the reference; None for the baseline."""
+    judge = config.discriminator
+    if judge.name == "none" or reference is None:
+        return None
+    arrays = read_reference(reference, config, steps=layout.span)
+    real = reference_windows(
+        arrays["features"],
+        arrays["episode"],
+        layout=layout,
+        trunk_std=judge.trunk_std,
+        mirror=config.student.mirror,
+        seed=config.seed,
+    )
+    return Discriminator(
+        reference=torch.from_numpy(real),
+        hidden_sizes=list(judge.hidden_sizes),
+        dropout=judge.dropout,
+        learning_rate=judge.learning_rate,
+        penalty_weight=judge.gradient_penalty,
+        label_smoothing=judge.label_smoothing,
+        noise=config.noise,
+        reward_limit=judge.reward_limit,
+        held_out=judge.held_out,
+        patience=judge.patience,
+        standardize=judge.standardize,
+        loss=judge.loss,
+        penalty_on=judge.penalty_on,
+        seed=config.seed,
+        device=config.device,
+    )
+
+
+def compact_mirror(mirror: ArrayMirror, columns: Tensor) -> ArrayMirror:
+    """Mirror of the kept columns only; they mirror among themselves, or ValueError."""
+    permutation, sign = mirror
+    place = {int(column): i for i, column in enumerate(columns)}
+    try:
+        kept = [place[int(permutation[column])] for column in place]
+    except KeyError as missing:
+        raise ValueError(f"observation column {missing} is dropped, but its mirror image is kept") from missing
+    return np.array(kept), sign[columns.numpy()]
+
+
+def on_device(mirror: ArrayMirror, device: str) -> Mirror:
+    """A mirror as tensors."""
+    return torch.from_numpy(mirror[0]).to(device), torch.from_numpy(mirror[1]).to(device)

@@ -1,0 +1,1 @@
+"""Many jobs: where they run, what they share, how they end."""

@@ -1,0 +1,1 @@
+"""The process of MLflow, and the only package that imports it; romgrl.tracking.recorder starts it."""
