@@ -54,7 +54,7 @@ test-sanitizers: $(SANITIZED)/.built ## run the tests that use the C++ core with
 	ASAN_OPTIONS=detect_leaks=0 UBSAN_OPTIONS=print_stacktrace=1 \
 	$(BIN)/python -m pytest -n auto --dist loadgroup --timeout 3600 $(CORE_TESTS) $(ARGS)
 
-$(SANITIZED)/.built: $(PACKAGE) $(wildcard cpp/*)
+$(SANITIZED)/.built: $(PACKAGE) $(wildcard cpp/* cpp/*/* cpp/*/*/*)
 	$(BIN)/cmake -S cpp -B $(@D) -G Ninja -DCMAKE_MAKE_PROGRAM="$$(realpath -s $(BIN)/ninja)" \
 		-DROMGRL_SANITIZE=address,undefined -DPython_EXECUTABLE="$$(realpath -s $(BIN)/python)" \
 		-Dpybind11_DIR="$$($(BIN)/python -m pybind11 --cmakedir)"
@@ -101,7 +101,7 @@ $(BIN)/python:
 	@echo "2/4 Virtual environment in $(VENV)"
 	@$(PYTHON) -m venv $(VENV) || { $(call failed,the virtual environment,install the venv package of $(PYTHON) or name another Python: make PYTHON=python3.12); }
 
-$(PACKAGE): $(BIN)/python pyproject.toml constraints.txt $(wildcard cpp/*)
+$(PACKAGE): $(BIN)/python pyproject.toml constraints.txt $(wildcard cpp/* cpp/*/* cpp/*/*/*)
 	@echo "3/4 Libraries of constraints.txt (MuJoCo, torch, MLflow ...; a minute or more)"
 	@$(BIN)/python .ci/requirements.py dev | $(BIN)/python -m pip install --quiet --use-pep517 --requirement /dev/stdin || \
 		{ $(call failed,the installation of the libraries,see what pip says above; a proxy is named in HTTPS_PROXY and a mirror in PIP_INDEX_URL); }

@@ -49,8 +49,15 @@ def source_files(module: str, package: Path = PACKAGE, core: Path = CORE) -> dic
             waiting += imported(path)
             waiting += [parent for parent in parents(name) if parent not in files]
         elif core.is_dir():
-            files |= {f"cpp/{source.name}": source for source in core.iterdir() if source.is_file()}
+            files |= extension_sources(name, core)
     return files
+
+
+def extension_sources(name: str, core: Path) -> dict[str, Path]:
+    """The sources of an extension `romgrl.ROOM._core`: those of its room, what rooms share, and how they are built."""
+    room = name.split(".")[1]
+    places = [core / "CMakeLists.txt", *(core / "common").rglob("*"), *(core / room).rglob("*")]
+    return {f"cpp/{path.relative_to(core).as_posix()}": path for path in places if path.is_file()}
 
 
 def find(name: str, root: Path) -> Path | None:

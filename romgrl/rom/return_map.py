@@ -28,7 +28,7 @@ Policy = Callable[[NDArray[np.float32]], NDArray[np.float32]]
 
 GRAVITY = 9.81
 LONGEST_STRIDE = 3.0  # s
-PREVIOUS_ACTION = slice(30, 32)  # columns of a saved world: cpp/state.hpp and Episode::save
+PREVIOUS_ACTION = slice(30, 32)  # columns of a saved world: cpp/rom/world_state.hpp and Episode::save
 TRUNK = {"trunk_x": 0, "trunk_y": 1, "trunk_vx": 3, "trunk_vy": 4}
 PITCH = {"pitch": 2, "pitch_rate": 5}
 ORIGIN, TOUCHDOWN_X, LEFT_SLOT = 19, 20, 18

@@ -1,4 +1,4 @@
-#include "state.hpp"
+#include "rom/world_state.hpp"
 
 #include <algorithm>
 #include <cmath>

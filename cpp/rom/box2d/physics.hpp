@@ -10,7 +10,7 @@
 
 #include <box2d/box2d.h>
 
-#include "state.hpp"
+#include "rom/world_state.hpp"
 
 namespace romgrl {
 

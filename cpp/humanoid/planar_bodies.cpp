@@ -1,4 +1,4 @@
-#include "humanoid_bodies.hpp"
+#include "humanoid/planar_bodies.hpp"
 
 #include <algorithm>
 #include <cmath>

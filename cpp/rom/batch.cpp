@@ -1,4 +1,4 @@
-#include "batch.hpp"
+#include "rom/batch.hpp"
 
 #include <unistd.h>
 

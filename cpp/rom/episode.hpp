@@ -4,7 +4,7 @@
 #include <array>
 #include <cstdint>
 
-#include "state.hpp"
+#include "rom/world_state.hpp"
 
 namespace romgrl {
 

@@ -1,4 +1,4 @@
-#include "pool.hpp"
+#include "common/thread_pool.hpp"
 
 #include <algorithm>
 #include <chrono>

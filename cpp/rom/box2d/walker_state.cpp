@@ -1,5 +1,5 @@
 // Placing, saving and restoring a Walker.
-#include "physics.hpp"
+#include "rom/box2d/physics.hpp"
 
 namespace romgrl {
 namespace {

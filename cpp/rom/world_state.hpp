@@ -9,7 +9,7 @@
 
 #include <array>
 
-#include "parameters.hpp"
+#include "rom/parameters.hpp"
 
 namespace romgrl {
 

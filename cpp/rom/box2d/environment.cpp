@@ -1,4 +1,4 @@
-#include "environment.hpp"
+#include "rom/box2d/environment.hpp"
 
 #include <algorithm>
 #include <cmath>

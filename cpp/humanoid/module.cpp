@@ -9,7 +9,7 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
-#include "humanoid_bodies.hpp"
+#include "humanoid/planar_bodies.hpp"
 
 namespace py = pybind11;
 using romgrl::Body;

@@ -4,8 +4,8 @@
 // the legs and deep penetration couple the bodies; the few worlds where they are in play go through Box2D's iterations.
 #pragma once
 
-#include "parameters.hpp"
-#include "state.hpp"
+#include "rom/parameters.hpp"
+#include "rom/world_state.hpp"
 
 namespace romgrl {
 

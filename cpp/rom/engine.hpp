@@ -6,7 +6,7 @@
 #include <cstdint>
 #include <memory>
 
-#include "episode.hpp"
+#include "rom/episode.hpp"
 
 namespace romgrl {
 

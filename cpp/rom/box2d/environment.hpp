@@ -4,8 +4,8 @@
 #include <array>
 #include <cstdint>
 
-#include "physics.hpp"
-#include "worlds.hpp"
+#include "rom/box2d/physics.hpp"
+#include "rom/engine.hpp"
 
 namespace romgrl {
 

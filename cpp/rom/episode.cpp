@@ -1,9 +1,9 @@
-#include "episode.hpp"
+#include "rom/episode.hpp"
 
 #include <algorithm>
 #include <cmath>
 
-#include "random.hpp"
+#include "common/counter_random.hpp"
 
 namespace romgrl {
 namespace {

@@ -1,4 +1,4 @@
-#include "physics.hpp"
+#include "rom/box2d/physics.hpp"
 
 #include <algorithm>
 #include <cmath>

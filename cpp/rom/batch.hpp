@@ -4,8 +4,8 @@
 #include <cstdint>
 #include <memory>
 
-#include "pool.hpp"
-#include "worlds.hpp"
+#include "common/thread_pool.hpp"
+#include "rom/engine.hpp"
 
 namespace romgrl {
 

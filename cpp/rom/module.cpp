@@ -8,7 +8,7 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
-#include "batch.hpp"
+#include "rom/batch.hpp"
 
 namespace py = pybind11;
 using romgrl::Batch;

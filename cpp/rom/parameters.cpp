@@ -1,4 +1,4 @@
-#include "parameters.hpp"
+#include "rom/parameters.hpp"
 
 #include <cmath>
 #include <sstream>

@@ -3,8 +3,8 @@
 #include <cmath>
 #include <vector>
 
-#include "native.hpp"
-#include "worlds.hpp"
+#include "rom/native/native.hpp"
+#include "rom/engine.hpp"
 
 namespace romgrl {
 namespace {

@@ -2,7 +2,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "native.hpp"
+#include "rom/native/native.hpp"
 
 namespace romgrl {
 

@@ -2,7 +2,7 @@
 // CMakeLists.txt): every instruction set gives the same bits.
 #include <cmath>
 
-#include "native.hpp"
+#include "rom/native/native.hpp"
 
 // One copy of a function per instruction set, chosen when the module is loaded.
 #if defined(__x86_64__) && defined(__GLIBC__) && defined(__GNUC__) && !defined(__clang__)

@@ -3,7 +3,7 @@
 #include <mutex>
 #include <vector>
 
-#include "environment.hpp"
+#include "rom/box2d/environment.hpp"
 
 namespace romgrl {
 namespace {
