@@ -12,7 +12,7 @@ PEERS := benchmarks/.peers
 SITE = $(shell $(BIN)/python -c "import sysconfig; print(sysconfig.get_path('purelib'))")
 SANITIZED := build/sanitized
 # Python itself leaks at its end, so leaks are not looked for; torch and MuJoCo run beside the sanitized core as they are.
-CORE_TESTS := tests/rom tests/humanoid tests/teacher tests/student tests/gait tests/faults/test_core_calls.py
+CORE_TESTS := tests/rom tests/humanoid tests/algorithms tests/stages tests/gait tests/faults/test_core_calls.py
 ARGS ?=
 OUTPUTS ?= outputs
 export PIP_DISABLE_PIP_VERSION_CHECK := 1

@@ -16,9 +16,9 @@ from romgrl.cli.compose import CONF, register_schema, to_config
 from romgrl.config.schema import Config
 from romgrl.provenance import stage_keys
 from romgrl.runtime import signals
-from tests.limits import PATIENCE
-from tests.pipeline import fake_stages
-from tests.pipeline.conftest import Command, start
+from tests.helpers import fake_stages
+from tests.helpers.jobs import Command, start
+from tests.helpers.limits import PATIENCE
 
 Composer = Callable[..., Config]
 

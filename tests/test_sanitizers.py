@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.pipeline.conftest import ROOT
+from tests.helpers.jobs import ROOT
 
 BIN = Path(sys.prefix, "bin")
 SOME = "tests/faults/test_core_calls.py tests/rom/test_batch.py"

@@ -15,8 +15,8 @@ from romgrl.tracking.recorder import UI_ADDRESS
 from tests.browser.conftest import SCREENSHOTS
 from tests.faults.ports import free_port
 from tests.faults.servers import answers, process
-from tests.limits import wait_until
-from tests.pipeline.conftest import start
+from tests.helpers.jobs import start
+from tests.helpers.limits import wait_until
 
 pytestmark = [pytest.mark.slow, pytest.mark.browser]
 

@@ -18,7 +18,7 @@ from pathlib import Path
 import pytest
 
 from tests.faults.ports import free_port
-from tests.limits import wait_until
+from tests.helpers.limits import wait_until
 
 UNPRIVILEGED = "nobody"  # runs PostgreSQL where the tests run as root, which it refuses
 

@@ -8,7 +8,7 @@ import time
 from contextlib import suppress
 
 from tests.faults.ports import free_port
-from tests.limits import PATIENCE
+from tests.helpers.limits import PATIENCE
 
 SLOW_SECONDS = 1.5  # per answer: a store that nobody should wait for
 ONCE = ("swallow", "cut", "late")

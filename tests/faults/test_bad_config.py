@@ -26,8 +26,8 @@ from romgrl.rom import _core
 from romgrl.rom.parameters import SpringLegParameters, core_parameters
 from tests.conftest import Composer
 from tests.faults.bad_configs import ALLOWED, FILES, HEAD, MISFITS, OF_HYDRA, SPECIAL, Case, case, from_schema, typos
-from tests.limits import PATIENCE
-from tests.pipeline.conftest import ROOT
+from tests.helpers.jobs import ROOT
+from tests.helpers.limits import PATIENCE
 
 SEED, TYPOS, PROCESSES, GOOD = 4, 30, 14, 50
 LONGEST_LINE = 400  # characters, whatever the value was

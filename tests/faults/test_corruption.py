@@ -18,8 +18,8 @@ from romgrl.errors import ArtifactError
 from romgrl.pipeline import run as pipeline
 from romgrl.provenance import stage_keys
 from tests.conftest import Composer
-from tests.pipeline import fake_stages
-from tests.pipeline.conftest import trainings
+from tests.helpers import fake_stages
+from tests.helpers.jobs import trainings
 
 Damage = Callable[[Path, random.Random], Path]  # spoils the artifact, returns the file to be named
 

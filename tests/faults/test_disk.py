@@ -25,7 +25,7 @@ from romgrl.stages.training.checkpoints import Keeper
 from tests.conftest import Composer
 from tests.faults.injection import Faults
 from tests.faults.trainings import Recorder, files, train, training
-from tests.pipeline.conftest import Command
+from tests.helpers.jobs import Command
 
 FAULTS = {"full": errno.ENOSPC, "read-only": errno.EROFS}
 

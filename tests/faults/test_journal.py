@@ -22,7 +22,7 @@ from romgrl.tracking.sending.__main__ import own_outbox
 from romgrl.tracking.sending.sender import ParentError, Sender
 from romgrl.tracking.sending.store import Store
 from tests.faults.runs import FILES, Told, differences, stored
-from tests.limits import wait_until
+from tests.helpers.limits import wait_until
 
 HEADER = {"uri": None, "experiment": "romgrl"}
 

@@ -15,8 +15,8 @@ import pytest
 
 from romgrl.artifacts import open_artifact
 from romgrl.config.schema import STAGES
-from tests.limits import PATIENCE, wait_until
-from tests.pipeline.conftest import start
+from tests.helpers.jobs import start
+from tests.helpers.limits import PATIENCE, wait_until
 
 FEW, MANY = (1, 1, STAGES[:3], (16_000, 1536)), (50, 10, STAGES, (40_000, 3000))
 SMALL = (

@@ -21,8 +21,8 @@ from romgrl.runtime import cores
 from romgrl.sweeps import callback
 from romgrl.sweeps.launch import RUNNING
 from tests.faults import fake_slurm
-from tests.limits import LONG, PATIENCE, wait_until
-from tests.pipeline.conftest import start, trainings
+from tests.helpers.jobs import start, trainings
+from tests.helpers.limits import LONG, PATIENCE, wait_until
 
 LAUNCHERS = ("joblib", "submitit_local", "submitit_slurm")
 pytestmark = pytest.mark.skipif(
@@ -41,7 +41,7 @@ def sweep_config(*overrides: str) -> callback.DictConfig:
 def begin(outputs: Path, launcher: str, *arguments: str, **variables: str) -> subprocess.Popen[str]:
     """Start a sweep of fake stages without MLflow."""
     overrides = (f"hydra/launcher={launcher}", "experiment=smoke", "tracking=none", f"paths.outputs={outputs}")
-    return start("-m", *overrides, *arguments, module="tests.pipeline.fake_jobs", **variables)
+    return start("-m", *overrides, *arguments, module="tests.helpers.fake_jobs", **variables)
 
 
 def end(process: subprocess.Popen[str]) -> tuple[int, str, str]:

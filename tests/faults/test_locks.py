@@ -25,14 +25,14 @@ from romgrl.config.schema import Config
 from romgrl.pipeline import run as pipeline
 from romgrl.pipeline.worker import working_lock
 from romgrl.provenance.stage_keys import stage_key
-from tests.limits import LONG, PATIENCE, wait_until
-from tests.pipeline import fake_stages
-from tests.pipeline.conftest import start, trainings
+from tests.helpers import fake_stages
+from tests.helpers.jobs import start, trainings
+from tests.helpers.limits import LONG, PATIENCE, wait_until
 from tests.pipeline.test_side_by_side import TWO, children
 
 PROCESSES, ROUNDS = 8, 20
 CONTEXT = multiprocessing.get_context("forkserver")
-CONTEXT.set_forkserver_preload(["torch", "romgrl.pipeline.run", "tests.pipeline.fake_stages"])
+CONTEXT.set_forkserver_preload(["torch", "romgrl.pipeline.run", "tests.helpers.fake_stages"])
 
 
 @pytest.fixture

@@ -23,7 +23,7 @@ from romgrl.tracking.sending.store import Store
 from romgrl.tracking.syncing import Sync, send_all
 from tests.faults.runs import FILES, differences, stored
 from tests.faults.test_journal import journaled, tell
-from tests.pipeline.conftest import Command
+from tests.helpers.jobs import Command
 
 Fault = Callable[[], Exception]
 

@@ -21,8 +21,8 @@ from romgrl.config.schema import Config
 from romgrl.errors import ArtifactError, ConfigurationError
 from romgrl.pipeline import run as pipeline
 from romgrl.pipeline.watch import film_directory
-from tests.limits import PATIENCE
-from tests.pipeline.conftest import start, trainings
+from tests.helpers.jobs import start, trainings
+from tests.helpers.limits import PATIENCE
 
 ARGUMENTS = ("experiment=smoke", "threads=1", "stage=evaluation")
 Reader = Callable[..., "subprocess.CompletedProcess[str]"]

@@ -26,8 +26,8 @@ from romgrl.tracking.process import BLOCKED_SECONDS
 from romgrl.tracking.recorder import open_recorder, sync
 from tests.faults.ports import free_port
 from tests.faults.servers import mlflow_server, postgresql
-from tests.limits import PATIENCE, SLACK
-from tests.pipeline.conftest import ROOT, trainings
+from tests.helpers.jobs import ROOT, trainings
+from tests.helpers.limits import PATIENCE, SLACK
 
 
 @dataclass
@@ -67,7 +67,7 @@ def sweep(server: Server, directory: Path, *arguments: str) -> str:
     """A sweep of fake stages in a working directory of its own; what it said, warnings first."""
     directory.mkdir(exist_ok=True)
     common = ["experiment=smoke", "stage=evaluation", "tracking=server", f"tracking.uri={server.uri}"]
-    command = [sys.executable, "-m", "tests.pipeline.fake_stages", "-m", *common, *arguments]
+    command = [sys.executable, "-m", "tests.helpers.fake_stages", "-m", *common, *arguments]
     environment = os.environ | {"PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
     result = subprocess.run(
         command,

@@ -14,8 +14,8 @@ import pytest
 
 from romgrl.artifacts.checkpoint import CHECKPOINT
 from romgrl.runtime.signals import SIGNALS
-from tests.limits import PATIENCE, wait_until
-from tests.pipeline.conftest import start
+from tests.helpers.jobs import start
+from tests.helpers.limits import PATIENCE, wait_until
 
 SECONDS = 10.0  # of a processor, from the signal to the end
 LONG = {

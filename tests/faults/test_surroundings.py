@@ -16,8 +16,8 @@ from romgrl.provenance import versions
 from romgrl.runtime import cores, surroundings
 from romgrl.tracking.recorder import Recorder, default_uri, sync, ui_command
 from tests.conftest import Command
-from tests.limits import wait_until
-from tests.pipeline.conftest import ROOT
+from tests.helpers.jobs import ROOT
+from tests.helpers.limits import wait_until
 
 UNIFIED = "42 31 0:38 / {place} rw,relatime shared:9 - cgroup2 cgroup2 rw,nsdelegate\n"
 FIRST = "32 31 0:29 {top} {place} rw,relatime - cgroup cgroup rw,cpu,cpuacct\n"

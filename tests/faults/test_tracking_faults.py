@@ -23,8 +23,8 @@ from romgrl.tracking.recorder import Recorder, default_uri, open_recorder, sync,
 from tests.faults.ports import free_port
 from tests.faults.runs import FILES, Told, differences, stored
 from tests.faults.tcp_proxy import Proxy
-from tests.limits import PATIENCE, SLACK, wait_until
-from tests.pipeline.conftest import ROOT, start
+from tests.helpers.jobs import ROOT, start
+from tests.helpers.limits import PATIENCE, SLACK, wait_until
 
 pytestmark = pytest.mark.xdist_group("tracking")  # one server for all of them
 LIMIT = BLOCKED_SECONDS + SLACK  # that a job may be blocked in all

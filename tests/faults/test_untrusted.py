@@ -22,7 +22,7 @@ from romgrl.artifacts import load_arrays, open_artifact, save_tensors
 from romgrl.errors import ArtifactError
 from tests.faults.artifacts import describe, fill
 from tests.faults.damage import forge, replace_file, sign
-from tests.limits import PATIENCE
+from tests.helpers.limits import PATIENCE
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -178,7 +178,7 @@ def test_a_configuration_executes_nothing(mark: Path, tmp_path: Path) -> None:
         arguments += ["stage=teacher", "tracking=none", f"paths.outputs={tmp_path}/outputs"]
         arguments += ["--config-dir", str(tmp_path), "--config-name", "evil"]
         result = subprocess.run(
-            [sys.executable, "-m", "tests.pipeline.fake_stages", *arguments],
+            [sys.executable, "-m", "tests.helpers.fake_stages", *arguments],
             env=os.environ | variables,
             cwd=ROOT,
             capture_output=True,

@@ -12,7 +12,7 @@ from types import SimpleNamespace
 import pytest
 
 from romgrl.humanoid import opengl, rendering
-from tests.pipeline.conftest import ROOT
+from tests.helpers.jobs import ROOT
 
 # As on a machine where neither EGL nor OSMesa is installed.
 BARE = """

@@ -26,10 +26,10 @@ from romgrl.provenance.stage_keys import plan, share_threads, stage_key
 from romgrl.runtime import signals
 from romgrl.tracking.sending.store import PARENT_TAG
 from tests.conftest import Composer
-from tests.limits import LONG, PATIENCE
-from tests.pipeline.conftest import Command, start, trainings
-from tests.pipeline.fake_stages import wait_for
-from tests.pipeline.test_tracking import all_runs
+from tests.helpers.fake_stages import wait_for
+from tests.helpers.jobs import Command, start, trainings
+from tests.helpers.limits import LONG, PATIENCE
+from tests.tracking.test_recorder import all_runs
 
 TWO = ("experiment=smoke", "threads=2")
 
@@ -243,7 +243,7 @@ def test_a_stage_makes_the_same_bits_beside_another(
 ) -> None:
     """The real teacher and baseline with one thread each, in turn and side by side."""
     for stage in ("reference", "student", "evaluation", "report"):
-        fake = replace(stage_keys.STAGES[stage], function="tests.pipeline.fake_stages:run")
+        fake = replace(stage_keys.STAGES[stage], function="tests.helpers.fake_stages:run")
         monkeypatch.setitem(stage_keys.STAGES, stage, fake)
     policies = []
     for override, parallel in (("threads=1", False), ("threads=2", True)):

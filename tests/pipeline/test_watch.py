@@ -23,7 +23,7 @@ from romgrl.pipeline.watch import newest
 from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import watch
 from romgrl.stages.wiring.worlds import humanoid_model
-from tests.walkers import write_walker
+from tests.helpers.walkers import write_walker
 
 
 @pytest.fixture

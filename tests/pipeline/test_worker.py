@@ -14,7 +14,7 @@ import pytest
 from romgrl.config.schema import Config
 from romgrl.pipeline.worker import Worker
 from romgrl.runtime.stage_log import SilentLog, StageLog
-from tests.limits import PATIENCE
+from tests.helpers.limits import PATIENCE
 
 
 def talk(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog) -> None:

@@ -24,11 +24,11 @@ from romgrl.report.tables import gait_number
 from romgrl.report.terminal_tables import read_rows
 from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import pretrained as stages
+from tests.cli.test_config import with_value
 from tests.conftest import Composer
-from tests.pipeline.test_config import with_value
-from tests.pipeline.test_keys import all_keys
+from tests.helpers.walkers import write_walker
 from tests.pretrained import untrained
-from tests.walkers import write_walker
+from tests.provenance.test_stage_keys import all_keys
 
 SMALL = ("experiment=smoke", "stage=evaluation", "tracking=none", "threads=1")
 PRESET = ("student=pretrained", *SMALL)

@@ -17,7 +17,7 @@ from romgrl.provenance.stage_keys import stage_settings
 from romgrl.runtime.stage_log import StageLog
 from romgrl.stages.teacher import build_learner
 from romgrl.stages.wiring.worlds import humanoid_model, rom_env
-from tests.walkers import write_walker
+from tests.helpers.walkers import write_walker
 
 
 def teacher(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog) -> None:

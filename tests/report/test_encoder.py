@@ -16,7 +16,7 @@ from romgrl.report import encoder, readme_preview
 from romgrl.report.side_by_side_film import FILM
 from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import report
-from tests.pipeline.conftest import ROOT
+from tests.helpers.jobs import ROOT
 
 FRAMES = np.zeros((30, 64, 64, 3), np.uint8)
 NO_ENCODER = "echo \"Unknown encoder 'libx264'\" >&2; exit 1"

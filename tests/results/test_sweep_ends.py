@@ -9,8 +9,8 @@ import pandas as pd
 import pytest
 
 from romgrl.results.sweep_record import sweeps
-from tests.limits import PATIENCE
-from tests.pipeline.conftest import Command, start, trainings
+from tests.helpers.jobs import Command, start, trainings
+from tests.helpers.limits import PATIENCE
 
 SWEEP = ("-m", "experiment=smoke", "stage=evaluation", "eta=0.3,0.5")
 
@@ -50,7 +50,7 @@ def test_a_sweep_goes_on_where_it_stopped_and_joins_its_jobs(command: Command, t
 @pytest.mark.slow
 def test_jobs_in_other_processes_are_joined_too(tmp_path: Path) -> None:
     process = start(
-        *SWEEP, "hydra/launcher=joblib", "tracking=none", f"paths.outputs={tmp_path}", module="tests.pipeline.fake_jobs"
+        *SWEEP, "hydra/launcher=joblib", "tracking=none", f"paths.outputs={tmp_path}", module="tests.helpers.fake_jobs"
     )
     out, err = process.communicate(timeout=PATIENCE)
     assert process.returncode == 0, err

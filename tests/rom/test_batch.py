@@ -8,7 +8,7 @@ import pytest
 
 from romgrl.rom import _core
 from romgrl.rom.observation import MIRROR_OBSERVATION
-from tests.limits import PATIENCE
+from tests.helpers.limits import PATIENCE
 from tests.rom.worlds import FEET, Worlds, core_parameters, pose
 
 pytestmark = pytest.mark.usefixtures("engine")

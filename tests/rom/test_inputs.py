@@ -10,7 +10,7 @@ import pytest
 from romgrl.rom import _core
 from romgrl.rom.parameters import SpringLegParameters
 from romgrl.rom.vector_env import SpringLegVectorEnv
-from tests.limits import PATIENCE
+from tests.helpers.limits import PATIENCE
 from tests.rom.worlds import Worlds, core_parameters, pose
 
 

@@ -17,7 +17,7 @@ from romgrl.stages import robustness
 from romgrl.stages.wiring.worlds import humanoid_model
 from tests.conftest import Composer
 from tests.faults.test_misfit import teacher as write_teacher
-from tests.walkers import write_walker
+from tests.helpers.walkers import write_walker
 
 COLUMNS = [
     "perturbation",

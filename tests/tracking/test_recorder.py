@@ -24,8 +24,8 @@ from romgrl.report.terminal_tables import TRAINING_MINUTES
 from romgrl.tracking.recorder import NOTE, default_uri, open_recorder, sync
 from romgrl.tracking.sending.failures import RefusedError
 from romgrl.tracking.sending.store import PARENT_TAG, Store
-from tests.limits import PATIENCE, wait_until
-from tests.pipeline.conftest import ROOT, Command, start
+from tests.helpers.jobs import ROOT, Command, start
+from tests.helpers.limits import PATIENCE, wait_until
 
 
 def all_runs(outputs: Path) -> list[Run]:

@@ -9,9 +9,9 @@ from hydra.experimental.callback import Callback
 from omegaconf import DictConfig
 
 from romgrl.cli import allowlist
-from tests.pipeline import fake_stages
+from tests.helpers import fake_stages
 
-TARGET = "tests.pipeline.fake_jobs.Fakes"
+TARGET = "tests.helpers.fake_jobs.Fakes"
 allowlist.TARGETS = (*allowlist.TARGETS, TARGET)
 
 

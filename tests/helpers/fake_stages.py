@@ -17,7 +17,7 @@ from romgrl.errors import DivergenceError
 from romgrl.pipeline import worker
 from romgrl.provenance import stage_keys
 from romgrl.runtime.stage_log import StageLog
-from tests.limits import wait_until
+from tests.helpers.limits import wait_until
 
 
 def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog) -> None:
@@ -72,7 +72,7 @@ def wait_for(path: Path, lines: int) -> None:
 def install() -> None:
     """Put the fake in the place of every stage."""
     for name, stage in stage_keys.STAGES.items():
-        stage_keys.STAGES[name] = stage_keys.Stage("tests.pipeline.fake_stages:run", stage.upstream, stage.depends)
+        stage_keys.STAGES[name] = stage_keys.Stage("tests.helpers.fake_stages:run", stage.upstream, stage.depends)
 
 
 def do_without_torch() -> None:

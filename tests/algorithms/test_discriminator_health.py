@@ -13,9 +13,9 @@ from romgrl.pipeline.job import health_tags
 from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import student
 from romgrl.stages.training.discriminator_watch import HealthWatch, setting
+from tests.algorithms.test_adversarial_losses import gaussian_judge
 from tests.conftest import Composer
 from tests.faults.trainings import STUDENT, write_reference
-from tests.student.test_adversarial import gaussian_judge
 
 SETTING = Setting(speed=4.0, eta=0.5, reward_limit=3.0, undecided_reward=math.log(2), undecided_loss=2 * math.log(2))
 HEALTHY = {

@@ -16,7 +16,7 @@ from romgrl.results.readme_table import END, START
 from romgrl.results.results_document import public
 from romgrl.results.sweep_record import SWEEP_VARIABLE
 from tests.results.chains import changed
-from tests.results.test_sweeps import swept
+from tests.results.test_sweep_tables import swept
 
 
 @pytest.fixture(autouse=True)

@@ -24,7 +24,7 @@ from romgrl.errors import ConfigurationError
 from romgrl.humanoid.own_body import human_spec
 from romgrl.sweeps.callback import note_sweep
 from tests.conftest import Composer
-from tests.pipeline.conftest import ROOT, Command
+from tests.helpers.jobs import ROOT, Command
 
 FILES = sorted(path for folder in ("conf", "sweeps") for path in (ROOT / folder).rglob("*.yaml"))
 CHOICES = [f"{path.parent.name}={path.stem}" for path in FILES if path.parent.parent == CONF]

@@ -20,8 +20,8 @@ from romgrl.config.schema import STAGES, Config
 from romgrl.errors import ArtifactError, DivergenceError
 from romgrl.pipeline import run as pipeline
 from tests.conftest import Composer
-from tests.limits import LONG, PATIENCE
-from tests.pipeline.conftest import ROOT, Command, start, trainings
+from tests.helpers.jobs import ROOT, Command, start, trainings
+from tests.helpers.limits import LONG, PATIENCE
 
 
 @pytest.fixture

@@ -22,8 +22,8 @@ from romgrl.results.sweep_record import sweeps, write_sweep
 from romgrl.sweeps import sweep_directory
 from romgrl.sweeps.launch import FAILURES, RUNNING, STOPPING, Launch
 from romgrl.sweeps.sweep_directory import claim, made_anew
-from tests.limits import PATIENCE
-from tests.pipeline.conftest import Command, start
+from tests.helpers.jobs import Command, start
+from tests.helpers.limits import PATIENCE
 
 SWEEP = ("-m", "stage=baseline", "seed=0,1", "tracking=none")
 

@@ -12,7 +12,7 @@ from romgrl.cli.consistency import validate
 from romgrl.cli.search_space import draw
 from romgrl.config.schema import Config
 from tests.conftest import Composer
-from tests.pipeline.conftest import ROOT, Command
+from tests.helpers.jobs import ROOT, Command
 
 
 def test_a_point_is_fixed_by_seed_and_name() -> None:

@@ -12,7 +12,7 @@ ROOT = Path(__file__).resolve().parents[2]
 Command = Callable[..., "subprocess.CompletedProcess[str]"]
 
 
-def start(*arguments: str, module: str = "tests.pipeline.fake_stages", **variables: str) -> subprocess.Popen[str]:
+def start(*arguments: str, module: str = "tests.helpers.fake_stages", **variables: str) -> subprocess.Popen[str]:
     """Start the command line in a process of its own."""
     environment = os.environ | {"PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"} | variables
     return subprocess.Popen(

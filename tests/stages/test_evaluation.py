@@ -22,7 +22,7 @@ from romgrl.stages import evaluation
 from romgrl.stages.wiring.inputs import DISTANCE_COLUMNS
 from romgrl.stages.wiring.worlds import humanoid_model
 from tests.gait.synthetic import DT, run
-from tests.walkers import write_walker
+from tests.helpers.walkers import write_walker
 
 
 class TwoWalkers:

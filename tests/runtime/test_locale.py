@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.pipeline.conftest import ROOT, Command
+from tests.helpers.jobs import ROOT, Command
 
 NO_FILES = {"os", "Image", "archive"}  # whose `open` opens no text
 POSITION = {"read_text": 0, "write_text": 1}  # of the encoding

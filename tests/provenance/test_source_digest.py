@@ -12,10 +12,10 @@ from romgrl.config.values import schema_keys, value_of
 from romgrl.humanoid.own_body import human_spec
 from romgrl.provenance import shipped, source_digest, stage_keys
 from romgrl.provenance.stage_keys import LABELS, STAGES, stage_key
+from tests.cli.test_config import with_value
 from tests.conftest import Composer
-from tests.pipeline.test_config import with_value
-from tests.pipeline.test_keys import all_keys, different
 from tests.pretrained.untrained import write_shipped
+from tests.provenance.test_stage_keys import all_keys, different
 
 COSMETIC = {"stage", "threads", "parallel_stages", "checkpoint_seconds", "experiment", "paths.outputs", *LABELS}
 KINDS = {"Python": {".py"}, "C++": {".cpp", ".hpp", ".txt"}, "built": {".so"}}

@@ -22,8 +22,8 @@ from romgrl.cli import allowlist
 from romgrl.runtime import display
 from romgrl.runtime.display import Guarded
 from romgrl.sweeps.launch import Labelled
-from tests.limits import LONG, PATIENCE, wait_until
-from tests.pipeline.conftest import ROOT, Command
+from tests.helpers.jobs import ROOT, Command
+from tests.helpers.limits import LONG, PATIENCE, wait_until
 
 SAY = """
 import os, subprocess, sys
@@ -74,7 +74,7 @@ def test_no_print_raises(tmp_path: Path, redirections: str, told: list[str]) -> 
 @pytest.mark.parametrize("redirections", [">&- 2>&-", ">/dev/full", "| head -1"])
 def test_jobs_go_on_without_a_display(tmp_path: Path, redirections: str) -> None:
     """A sweep of two jobs: both are made, and a full terminal is not taken for a full disk."""
-    arguments = ("-m", "tests.pipeline.fake_stages", "-m", *TEACHER, "seed=0,1", f"paths.outputs={tmp_path}")
+    arguments = ("-m", "tests.helpers.fake_stages", "-m", *TEACHER, "seed=0,1", f"paths.outputs={tmp_path}")
     ended = shell(f'"$@" {redirections}', *arguments)
     assert ended.returncode == 0, ended.stderr
     assert len(list(tmp_path.glob("artifacts/teacher/*/manifest.json"))) == 2
@@ -85,7 +85,7 @@ def test_jobs_go_on_without_a_display(tmp_path: Path, redirections: str) -> None
 @pytest.mark.parametrize("redirections", [">&-", ">/dev/full", "| head -1", ">/dev/full 2>&1"])
 @pytest.mark.parametrize("launcher", ["joblib", "submitit_local"])
 def test_jobs_of_launchers_go_on_without_a_display(tmp_path: Path, launcher: str, redirections: str) -> None:
-    arguments = ("-m", "tests.pipeline.fake_jobs", "-m", *TEACHER, f"hydra/launcher={launcher}", "seed=0,1")
+    arguments = ("-m", "tests.helpers.fake_jobs", "-m", *TEACHER, f"hydra/launcher={launcher}", "seed=0,1")
     ended = shell(f'"$@" {redirections}', *arguments, f"paths.outputs={tmp_path}")
     assert ended.returncode == 0, ended.stderr
     assert len(list(tmp_path.glob("artifacts/teacher/*/manifest.json"))) == 2
@@ -94,7 +94,7 @@ def test_jobs_of_launchers_go_on_without_a_display(tmp_path: Path, launcher: str
 @pytest.mark.slow
 def test_stages_side_by_side_go_on_without_a_display(tmp_path: Path) -> None:
     arguments = ("experiment=smoke", "stage=evaluation", "tracking=none", "threads=2", f"paths.outputs={tmp_path}")
-    ended = shell('"$@" | head -1', "-m", "tests.pipeline.fake_stages", *arguments)
+    ended = shell('"$@" | head -1', "-m", "tests.helpers.fake_stages", *arguments)
     assert (ended.returncode, ended.stderr) == (0, LOST.format("Broken pipe") + "\n")
 
 
@@ -149,7 +149,7 @@ def test_letters_that_a_terminal_lacks_are_replaced(full: Guarded, monkeypatch: 
 
 def test_nohup_keeps_a_job_from_its_terminal(tmp_path: Path) -> None:
     job = subprocess.Popen(
-        [sys.executable, "-m", "tests.pipeline.fake_stages", *TEACHER, f"paths.outputs={tmp_path}"],
+        [sys.executable, "-m", "tests.helpers.fake_stages", *TEACHER, f"paths.outputs={tmp_path}"],
         cwd=ROOT,
         env=os.environ | {"FAKE_SECONDS": "1"},
         stdout=subprocess.PIPE,
@@ -168,7 +168,7 @@ def test_a_terminal_that_closes_ends_a_job_in_good_order(tmp_path: Path) -> None
         fcntl.ioctl(own, termios.TIOCSCTTY, 0)
 
     job = subprocess.Popen(
-        [sys.executable, "-m", "tests.pipeline.fake_stages", *TEACHER, f"paths.outputs={tmp_path}"],
+        [sys.executable, "-m", "tests.helpers.fake_stages", *TEACHER, f"paths.outputs={tmp_path}"],
         cwd=ROOT,
         env=os.environ | {"FAKE_SECONDS": LONG, "TERM": "xterm"},
         stdin=own,
