@@ -67,3 +67,10 @@ def test_links_lead_somewhere(document: Path) -> None:
     for target in re.findall(r"\]\(([^)#]+)", document.read_text(encoding="utf-8")):
         if not target.startswith("http"):
             assert (document.parent / target).exists(), f"{document.name}: {target}"
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
+def test_files_that_are_named_are_there(document: Path) -> None:
+    for line in document.read_text(encoding="utf-8").splitlines():
+        for named in re.findall(r"(?:romgrl|cpp|conf|tests|sweeps|benchmarks)/[\w./]+\.\w+", line):
+            assert (ROOT / named).exists(), f"{document.name}: {named}"
