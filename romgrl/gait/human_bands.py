@@ -1,6 +1,6 @@
 """Human gait as a yardstick: bands of the numbers in gait.csv at walking and running speeds, each with its source.
 
-The data are in human.csv; docs/method.md lists the references. Between two speeds of one gait a band is
+The data are in human_bands.csv; docs/method.md lists the references. Between two speeds of one gait a band is
 interpolated linearly; at other speeds there is none.
 """
 
@@ -13,7 +13,7 @@ from functools import cache
 from itertools import groupby, pairwise
 from pathlib import Path
 
-TABLE = Path(__file__).with_name("human.csv")
+TABLE = Path(__file__).with_suffix(".csv")
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Band:
 
 @cache
 def table() -> tuple[Band, ...]:
-    """All rows of human.csv."""
+    """All rows of human_bands.csv."""
     with TABLE.open(newline="", encoding="utf-8") as file:
         return tuple(
             Band(

@@ -28,7 +28,7 @@ def digest(files: dict[str, Path]) -> str:
 def source_files(module: str, package: Path = PACKAGE, core: Path = CORE) -> dict[str, Path]:
     """The file of a module, of all modules of the package that it imports, and of theirs, by name.
 
-    With a module comes the table of its name (`human.csv` beside `human.py`), with a package the parts of web pages in
+    With a module comes the table of its name (`human_bands.csv` beside `human_bands.py`), with a package the parts of web pages in
     its folder, with an extension its own sources where there are any, so that a changed line of C++ counts before it is
     built.
     """
