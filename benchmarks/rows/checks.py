@@ -22,7 +22,7 @@ from romgrl.config.schema import Config
 from romgrl.gait.features import gait_from_rollouts
 from romgrl.gait.metrics import describe as describe_gait
 from romgrl.stages import evaluation
-from romgrl.stages.wiring.worlds import humanoid_env
+from romgrl.stages.wiring.humanoid import humanoid_env
 
 SEEDS = (0, 1, 2)
 KEPT = ROOT / "outputs" / "benchmarks"

@@ -15,7 +15,7 @@ from benchmarks.setup import configuration
 from romgrl.config.schema import Config
 from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import teacher
-from romgrl.stages.wiring.worlds import rom_env
+from romgrl.stages.wiring.rom import rom_env
 
 ROLLOUTS = 12  # measured after a first one; a training has hundreds, all alike
 KEYS = [

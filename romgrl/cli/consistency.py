@@ -169,8 +169,9 @@ def humanoid_file(config: Config) -> Iterator[str]:
         yield refusal("humanoid.xml", humanoid.xml, "a MuJoCo file that exists")
     else:
         from romgrl.humanoid import model
+        from romgrl.humanoid.process_settings import set_up_mujoco
 
-        model.set_up_mujoco()
+        set_up_mujoco()
         try:
             model.build(xml=humanoid.xml, actuation=humanoid.actuation)
         except ConfigurationError as error:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import hashlib
 import json
 from dataclasses import dataclass
@@ -14,12 +13,9 @@ from numpy.typing import NDArray
 
 from romgrl.config.schema import Humanoid
 from romgrl.errors import ConfigurationError
-from romgrl.humanoid import _core
 from romgrl.humanoid.own_body import human_spec
 from romgrl.humanoid.sagittal_plane import hold_in_plane
 from romgrl.humanoid.skeleton import BODIES, HINGES, ROOT_JOINTS
-
-_NO_TIME = ctypes.CFUNCTYPE(ctypes.c_double)(_core.NO_TIME)
 
 HEIGHT, MASS = 1.741, 73.0
 CONTROL_FREQUENCY, SUBSTEPS = 30.0, 8
@@ -106,18 +102,6 @@ def fingerprint(model: mujoco.MjModel) -> str:
     names.append([model.actuator(i).name for i in range(model.nu)])
     numbers = [model.nq, model.nv, *(f"{value:.5g}" for value in (sizes.mass, sizes.pelvis_height, sizes.head_height))]
     return hashlib.sha256(json.dumps([names, numbers]).encode()).hexdigest()
-
-
-def set_up_mujoco() -> None:
-    """Settings of the process: no log and no timers.
-
-    Environments count diverged simulations, which MuJoCo would log (MUJOCO_LOG.TXT, console). Its profile, which nobody
-    reads, would take a twentieth of the physics for reading the clock (measured).
-    """
-    config = mujoco.MjLogConfig.get()
-    config.logto_file = config.logto_console = False
-    mujoco.MjLogConfig.set(config)
-    mujoco.set_mjcb_time(_NO_TIME)
 
 
 def _load(path: Path) -> mujoco.MjSpec:

@@ -13,9 +13,10 @@ from mujoco.batch import Batch
 from numpy.typing import NDArray
 
 from romgrl.humanoid import task
-from romgrl.humanoid.model import CONTROL_FREQUENCY, build, dimensions, set_up_mujoco
+from romgrl.humanoid.model import CONTROL_FREQUENCY, build, dimensions
 from romgrl.humanoid.observation import varying_columns
 from romgrl.humanoid.planar_observer import GAIT_FEATURES, TRUNK_LEAN, PlanarObserver
+from romgrl.humanoid.process_settings import set_up_mujoco
 from romgrl.humanoid.rendering import SideCamera
 from romgrl.humanoid.skeleton import HINGES, mirror_action, mirror_observation
 from romgrl.humanoid.start_states import ResetBank, build_bank

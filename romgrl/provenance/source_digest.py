@@ -10,13 +10,24 @@ from pathlib import Path
 
 PACKAGE = Path(__file__).resolve().parents[1]
 CORE = PACKAGE.parent / "cpp"  # in a checkout
+DRAWING = ("romgrl.rom.drawing", "romgrl.humanoid.rendering")
 PAGE = (".css", ".html", ".js")
 
 
 @cache
-def source_digest(entry: str) -> str:
-    """SHA-256 over the code of a stage, from the module of its function `module:function`, and of what starts it."""
-    return digest(source_files(entry.partition(":")[0]) | source_files("romgrl.pipeline.worker"))
+def source_digest(entry: str, *, drawing: bool) -> str:
+    """SHA-256 over the code of a stage, from the module of its function `module:function`, and of what starts it.
+
+    `drawing`: it makes pictures; an environment that can be drawn computes the same numbers however it looks.
+    """
+    return digest(stage_files(entry, drawing=drawing))
+
+
+def stage_files(entry: str, *, drawing: bool, package: Path = PACKAGE, core: Path = CORE) -> dict[str, Path]:
+    """The files of a stage by name, as in `source_digest`."""
+    modules = (entry.partition(":")[0], "romgrl.pipeline.worker")
+    files = {name: path for each in modules for name, path in source_files(each, package, core).items()}
+    return {name: path for name, path in files.items() if drawing or name not in DRAWING}
 
 
 def digest(files: dict[str, Path]) -> str:
@@ -28,9 +39,9 @@ def digest(files: dict[str, Path]) -> str:
 def source_files(module: str, package: Path = PACKAGE, core: Path = CORE) -> dict[str, Path]:
     """The file of a module, of all modules of the package that it imports, and of theirs, by name.
 
-    With a module comes the table of its name (`human_bands.csv` beside `human_bands.py`), with a package the parts of web pages in
-    its folder, with an extension its own sources where there are any, so that a changed line of C++ counts before it is
-    built.
+    With a module comes the table of its name (`human_bands.csv` beside `human_bands.py`), with a package the parts of
+    web pages in its folder, with an extension its own sources where there are any, so that a changed line of C++ counts
+    before it is built.
     """
     root = package.parent
     files: dict[str, Path] = {}

@@ -52,6 +52,7 @@ STAGES: dict[str, Stage] = {
         ("robustness", "rom", "teacher", "humanoid", "student.alpha", "speed", "seed"),
     ),
 }
+DRAWN = ("report", "robustness")  # stages whose artifacts hold pictures
 LABELS = ("rom.name", "teacher.name", "humanoid.name", "student.name")  # say what was chosen, change nothing
 
 
@@ -127,8 +128,9 @@ def body_settings(stage: str, config: Config) -> dict[str, Any]:
 def body_digests(humanoid: str) -> tuple[str, str, str]:
     """Sizes and the digests of physics and of all of a model file, compiled once for all stages of a job."""
     from romgrl.humanoid import digest, model  # MuJoCo takes a moment to import
+    from romgrl.humanoid.process_settings import set_up_mujoco
 
-    model.set_up_mujoco()
+    set_up_mujoco()
     body = model.configured(Humanoid(**json.loads(humanoid)))
     sizes = model.dimensions(body)
     text = f"{sizes.mass:.9g} kg, leg {sizes.leg_length:.9g} m, ankle {sizes.ankle_height:.9g} m"
@@ -162,7 +164,7 @@ def stage_key(stage: str, config: Config, upstream: Mapping[str, str]) -> str:
     document = {
         "stage": stage,
         "settings": stage_settings(stage, config),
-        "sources": source_digest(stage_function(stage, config)),
+        "sources": source_digest(stage_function(stage, config), drawing=stage in DRAWN),
         "versions": computing_versions(),
         "upstream": dict(upstream),
     }

@@ -21,8 +21,9 @@ from romgrl.gait.metrics import describe
 from romgrl.humanoid.joint_power import replay
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 from romgrl.runtime.stage_log import StageLog
-from romgrl.stages.wiring.inputs import WALKERS, read_reference, read_walker
-from romgrl.stages.wiring.worlds import humanoid_env
+from romgrl.stages.wiring.artifact_arrays import WALKERS, read_reference
+from romgrl.stages.wiring.humanoid import humanoid_env
+from romgrl.stages.wiring.walker_policy import read_walker
 
 SEED_OFFSET = 30_000  # resets that no training has drawn
 Policy = Callable[[NDArray[np.float32]], NDArray[np.float32]]

@@ -10,8 +10,10 @@ from romgrl.artifacts import write_bytes
 from romgrl.config.schema import Config
 from romgrl.provenance import shipped
 from romgrl.runtime.stage_log import StageLog, format_duration
-from romgrl.stages.wiring.inputs import read_teacher, read_walker
-from romgrl.stages.wiring.worlds import humanoid_env, rom_env
+from romgrl.stages.wiring.humanoid import humanoid_env
+from romgrl.stages.wiring.rom import rom_env
+from romgrl.stages.wiring.teacher_policy import read_teacher
+from romgrl.stages.wiring.walker_policy import read_walker
 
 
 def teacher(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog) -> None:

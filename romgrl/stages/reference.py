@@ -15,8 +15,8 @@ from romgrl.gait.features import CHANNELS, Gait
 from romgrl.gait.reference_check import check_reference
 from romgrl.runtime.stage_log import StageLog
 from romgrl.stages.teacher import record
-from romgrl.stages.wiring.inputs import read_teacher
-from romgrl.stages.wiring.worlds import rom_env
+from romgrl.stages.wiring.rom import rom_env
+from romgrl.stages.wiring.teacher_policy import read_teacher
 
 
 def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog) -> None:

@@ -15,12 +15,13 @@ from romgrl.artifacts import MANIFEST, read_manifest
 from romgrl.config.schema import Config
 from romgrl.gait.alignment import align, last_windows
 from romgrl.gait.features import Gait, gait_from_reference, gait_from_rollouts
+from romgrl.humanoid.model import configured
 from romgrl.humanoid.rendering import RenderingError, SideCamera
 from romgrl.report import figures, film, human_band_figure, markdown_report, side_by_side_film, tables
 from romgrl.report.style import save
 from romgrl.runtime.stage_log import StageLog
 from romgrl.stages import report_page
-from romgrl.stages.wiring.inputs import (
+from romgrl.stages.wiring.artifact_arrays import (
     DISTANCE_COLUMNS,
     ERROR_COLUMNS,
     GAIT_COLUMNS,
@@ -29,7 +30,7 @@ from romgrl.stages.wiring.inputs import (
     read_rollouts,
     read_table,
 )
-from romgrl.stages.wiring.worlds import humanoid_model, rom_parameters
+from romgrl.stages.wiring.rom import rom_parameters
 
 POSES = 8
 FILM_TIME = 6.0  # s at the end of the recorded episode
@@ -37,7 +38,7 @@ FILM_TIME = 6.0  # s at the end of the recorded episode
 
 def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog) -> None:
     """Write the figures (PNG and PDF), mse.md, distances.md, gait.md, three films, report.md and report.html."""
-    model = humanoid_model(config)
+    model = configured(config.humanoid)
     rollouts = read_rollouts(inputs["evaluation"], config, model.nq + model.nv)
     errors = read_table(inputs["evaluation"] / "mse.csv", ERROR_COLUMNS)
     distances = read_table(inputs["evaluation"] / "distances.csv", DISTANCE_COLUMNS)

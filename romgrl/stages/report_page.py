@@ -20,8 +20,8 @@ from romgrl.report.page import charts, html, scene, tables, training_charts
 from romgrl.report.page.intervals import error_intervals
 from romgrl.report.page.strides import stride_average
 from romgrl.report.style import COLORS, LABELS
-from romgrl.stages.wiring.inputs import WALKERS, read_reference, read_table
-from romgrl.stages.wiring.worlds import rom_parameters
+from romgrl.stages.wiring.artifact_arrays import WALKERS, read_reference, read_table
+from romgrl.stages.wiring.rom import rom_parameters
 
 PAGE = "report.html"
 STAGES = ("teacher", "reference", *WALKERS, "evaluation")

@@ -16,6 +16,7 @@ from romgrl.algorithms.sac import DeterministicPolicy
 from romgrl.config.schema import Config
 from romgrl.gait.metrics import SETTLING_TIME, mean_speed
 from romgrl.humanoid.changed_body import scaled
+from romgrl.humanoid.model import configured
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 from romgrl.report.fall_rate_figure import fall_rates
 from romgrl.report.style import save
@@ -23,8 +24,11 @@ from romgrl.rom.return_map import StrideMap
 from romgrl.runtime.stage_log import StageLog
 from romgrl.stages.rollouts.disturbed import Outcome, Start, disturb, settle
 from romgrl.stages.rollouts.orbital_stability import teacher_multipliers, verdict
-from romgrl.stages.wiring.inputs import WALKERS, read_teacher, read_walker
-from romgrl.stages.wiring.worlds import humanoid_env, humanoid_model, rom_env
+from romgrl.stages.wiring.artifact_arrays import WALKERS
+from romgrl.stages.wiring.humanoid import humanoid_env
+from romgrl.stages.wiring.rom import rom_env
+from romgrl.stages.wiring.teacher_policy import read_teacher
+from romgrl.stages.wiring.walker_policy import read_walker
 
 SEED_OFFSET = 40_000  # resets that neither a training nor the evaluation has drawn
 STRIDE_TIME = 1.0  # s that hold a stride at any speed: a disturbance begins at a random time within them
@@ -144,7 +148,7 @@ def environment(config: Config, env: PlanarHumanoidVectorEnv, one: Disturbance) 
     """The environment of a disturbance: another one where the model is another."""
     if one.name not in ("mass", "friction"):
         return env
-    body = scaled(humanoid_model(config), **{one.name: one.level})
+    body = scaled(configured(config.humanoid), **{one.name: one.level})
     return humanoid_env(config, num_envs=env.num_envs, episode_steps=env.task.episode_steps, body=body)
 
 

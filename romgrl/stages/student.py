@@ -28,9 +28,9 @@ from romgrl.stages.training.checkpoints import Keeper, Stateful
 from romgrl.stages.training.discriminator_watch import HealthWatch
 from romgrl.stages.training.policy_selection import Candidates, choose
 from romgrl.stages.training.student_statistics import EpisodeTally
-from romgrl.stages.wiring.inputs import read_reference
+from romgrl.stages.wiring.artifact_arrays import read_reference
+from romgrl.stages.wiring.humanoid import humanoid_env
 from romgrl.stages.wiring.student_learner import build_learner
-from romgrl.stages.wiring.worlds import humanoid_env
 
 LOG_INTERVAL = 4096
 

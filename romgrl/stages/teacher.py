@@ -27,7 +27,7 @@ from romgrl.gait.metrics import describe
 from romgrl.rom.vector_env import SpringLegVectorEnv
 from romgrl.runtime.stage_log import StageLog
 from romgrl.stages.training.checkpoints import Keeper
-from romgrl.stages.wiring.worlds import rom_env
+from romgrl.stages.wiring.rom import rom_env
 
 CHECK_EPISODES, CHECK_STEPS = 100, 300
 

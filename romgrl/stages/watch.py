@@ -18,8 +18,8 @@ from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 from romgrl.report.encoder import FilmError, write_film
 from romgrl.runtime import signals
 from romgrl.runtime.stage_log import StageLog
-from romgrl.stages.wiring.inputs import read_walker
-from romgrl.stages.wiring.worlds import humanoid_env
+from romgrl.stages.wiring.humanoid import humanoid_env
+from romgrl.stages.wiring.walker_policy import read_walker
 
 SEED_OFFSET = 40_000  # resets that neither a training nor an evaluation has drawn
 NO_DISPLAY = "no display"

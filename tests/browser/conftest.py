@@ -14,7 +14,7 @@ from playwright.sync_api import Browser, Page, sync_playwright
 
 from romgrl.humanoid.model import build
 from romgrl.stages import report, report_page
-from romgrl.stages.wiring.inputs import read_rollouts
+from romgrl.stages.wiring.artifact_arrays import read_rollouts
 from tests.browser.walkers import EPISODES, write_run
 from tests.conftest import Composer
 

@@ -19,10 +19,10 @@ from romgrl.config.schema import Config
 from romgrl.errors import ArtifactError
 from romgrl.gait.features import CHANNELS
 from romgrl.humanoid import model
+from romgrl.humanoid.model import configured
 from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import evaluation, reference, report, student
-from romgrl.stages.wiring.inputs import DISTANCE_COLUMNS
-from romgrl.stages.wiring.worlds import humanoid_model
+from romgrl.stages.wiring.artifact_arrays import DISTANCE_COLUMNS
 from tests.gait.synthetic import DT, run
 from tests.helpers.walkers import write_walker
 
@@ -82,7 +82,7 @@ class Bench:
         self.inputs = {name: directory / name for name in ("teacher", "reference", "student", "baseline", "evaluation")}
         for path in self.inputs.values():
             path.mkdir(parents=True)
-        self.fingerprint = model.fingerprint(humanoid_model(config))
+        self.fingerprint = model.fingerprint(configured(config.humanoid))
         save_arrays(self.inputs["reference"] / "reference.npz", reference_arrays())
         save_arrays(self.inputs["evaluation"] / "rollouts.npz", rollout_arrays(config))
         teacher(self.inputs["teacher"] / "policy.safetensors", activation=config.teacher.activation)
@@ -141,7 +141,7 @@ def mse(bench: Bench, change: Callable[[pd.DataFrame], pd.DataFrame], name: str 
 
 def taller(bench: Bench) -> None:
     other = replace(bench.config, humanoid=replace(bench.config.humanoid, height=1.9))
-    write_walker(bench.inputs["student"] / "policy.safetensors", humanoid=model.identity(humanoid_model(other)))
+    write_walker(bench.inputs["student"] / "policy.safetensors", humanoid=model.identity(configured(other.humanoid)))
 
 
 Spoil = Callable[[Bench], object]

@@ -17,12 +17,11 @@ from rich.console import Console
 from romgrl.config.schema import Config
 from romgrl.errors import ArtifactError
 from romgrl.humanoid import rendering
-from romgrl.humanoid.model import fingerprint
+from romgrl.humanoid.model import configured, fingerprint
 from romgrl.pipeline import run as pipeline
 from romgrl.pipeline.watch import newest
 from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import watch
-from romgrl.stages.wiring.worlds import humanoid_model
 from tests.helpers.walkers import write_walker
 
 
@@ -37,7 +36,7 @@ def student(smoke_config: Config, tmp_path: Path) -> Path:
     """A student that knows nothing."""
     directory = tmp_path / "0123456789abcdef.partial"
     directory.mkdir()
-    write_walker(directory / "policy.safetensors", humanoid=fingerprint(humanoid_model(smoke_config)))
+    write_walker(directory / "policy.safetensors", humanoid=fingerprint(configured(smoke_config.humanoid)))
     return directory
 
 

@@ -10,13 +10,13 @@ from pathlib import Path
 from romgrl.algorithms.ppo import save_policy
 from romgrl.artifacts import Manifest, write_manifest
 from romgrl.config.schema import Config
-from romgrl.humanoid.model import fingerprint
+from romgrl.humanoid.model import configured, fingerprint
 from romgrl.provenance import stage_keys
 from romgrl.provenance.shipped import GROUPS
 from romgrl.provenance.stage_keys import stage_settings
 from romgrl.runtime.stage_log import StageLog
 from romgrl.stages.teacher import build_learner
-from romgrl.stages.wiring.worlds import humanoid_model, rom_env
+from romgrl.stages.wiring.rom import rom_env
 from tests.helpers.walkers import write_walker
 
 
@@ -27,7 +27,7 @@ def teacher(config: Config, inputs: Mapping[str, Path], output: Path, log: Stage
 
 
 def student(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog) -> None:
-    write_walker(output / "policy.safetensors", humanoid=fingerprint(humanoid_model(config)), seed=len(inputs))
+    write_walker(output / "policy.safetensors", humanoid=fingerprint(configured(config.humanoid)), seed=len(inputs))
 
 
 baseline = student

@@ -63,24 +63,24 @@ def copied(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
             target = tmp_path.joinpath(*extension.split(".")).with_suffix(".so")
             shutil.copy(source_digest.source_files(module)[extension], target)
     monkeypatch.setattr(source_digest, "extension", lambda name: tmp_path.joinpath(*name.split(".")).with_suffix(".so"))
-    monkeypatch.setattr(stage_keys, "source_digest", lambda entry: fresh_digest(entry, tmp_path))
+
+    def fresh_digest(entry: str, *, drawing: bool) -> str:
+        files = source_digest.stage_files(entry, drawing=drawing, package=tmp_path / "romgrl", core=tmp_path / "cpp")
+        return source_digest.digest(files)
+
+    monkeypatch.setattr(stage_keys, "source_digest", fresh_digest)
     return tmp_path
 
 
-def fresh_digest(entry: str, root: Path) -> str:
-    return source_digest.digest(code(entry, root))
-
-
-def code(entry: str, root: Path) -> dict[str, Path]:
+def code(stage: str, root: Path) -> dict[str, Path]:
     """The files of a stage in a copy."""
-    modules = (entry.partition(":")[0], "romgrl.pipeline.worker")
-    found = [source_digest.source_files(module, root / "romgrl", root / "cpp") for module in modules]
-    return {name: path for files in found for name, path in files.items()}
+    function, drawing = STAGES[stage].function, stage in stage_keys.DRAWN
+    return source_digest.stage_files(function, drawing=drawing, package=root / "romgrl", core=root / "cpp")
 
 
 def test_every_file_of_code_counts(copied: Path) -> None:
     """Each Python, C++ and built file that a stage can import, edited in turn: other code for just these stages."""
-    used = {stage: code(STAGES[stage].function, copied) for stage in STAGES}
+    used = {stage: code(stage, copied) for stage in STAGES}
     before = {stage: source_digest.digest(used[stage]) for stage in STAGES}
     files = sorted({file for stage in STAGES for file in used[stage].values()})
     for file in files:
@@ -96,19 +96,84 @@ def test_every_file_of_code_counts(copied: Path) -> None:
     assert kinds["built"] == 2
 
 
-def test_a_training_does_not_depend_on_figures(copied: Path, compose_config: Composer) -> None:
-    """Whoever edits a plot does not train again."""
-    before = {stage: stage_key(stage, compose_config(), {}) for stage in STAGES}
-    (copied / "romgrl" / "report" / "figures.py").write_text("# empty", encoding="utf-8")
-    after = {stage: stage_key(stage, compose_config(), {}) for stage in STAGES}
-    assert {stage for stage in STAGES if before[stage] != after[stage]} == {"report"}
+ROM_LEARNED, TRAINED = {"teacher", "reference"}, {"student", "baseline"}
+HUMANOID_RUNS = TRAINED | {"evaluation", "robustness"}
+EDITED = {
+    "errors.py": set(STAGES),
+    "config/schema.py": set(STAGES),
+    "config/addresses.py": set(),
+    "cli/arguments.py": set(),
+    "cli/consistency.py": set(),
+    "runtime/stage_log.py": set(STAGES),
+    "runtime/cores.py": set(),
+    "artifacts/checkpoint.py": ROM_LEARNED | TRAINED,
+    "artifacts/locks.py": set(),
+    "provenance/stage_keys.py": set(),
+    "tracking/recorder.py": set(),
+    "tracking/sending/store.py": set(),
+    "rom/vector_env.py": ROM_LEARNED | {"report", "robustness"},
+    "rom/return_map.py": {"robustness"},
+    "rom/drawing.py": {"report", "robustness"},
+    "humanoid/own_body.py": set(STAGES),  # its sizes are those of the reduced-order model
+    "humanoid/task.py": HUMANOID_RUNS,
+    "humanoid/vector_env.py": HUMANOID_RUNS,
+    "humanoid/start_states.py": HUMANOID_RUNS,
+    "humanoid/planar_observer.py": HUMANOID_RUNS,
+    "humanoid/rendering.py": {"report", "robustness"},
+    "humanoid/reference_states.py": TRAINED,
+    "humanoid/changed_body.py": {"robustness"},
+    "gait/discriminator_windows.py": TRAINED,
+    "gait/alignment.py": {"evaluation", "report"},
+    "gait/floquet.py": {"robustness"},
+    "algorithms/ppo.py": ROM_LEARNED | {"robustness"},
+    "algorithms/rollout_buffer.py": ROM_LEARNED | {"robustness"},
+    "algorithms/networks/mlp_gradients.py": ROM_LEARNED | {"robustness"},
+    "algorithms/sac.py": HUMANOID_RUNS,
+    "algorithms/replay_buffer.py": HUMANOID_RUNS,
+    "algorithms/networks/stacked_mlp.py": HUMANOID_RUNS,
+    "algorithms/discriminator.py": TRAINED,
+    "stages/wiring/rom.py": ROM_LEARNED | {"report", "robustness"},
+    "stages/wiring/humanoid.py": HUMANOID_RUNS,
+    "stages/wiring/artifact_arrays.py": TRAINED | {"evaluation", "report", "robustness"},
+    "stages/training/student_statistics.py": TRAINED,
+    "stages/rollouts/disturbed.py": {"robustness"},
+    "report/figures.py": {"report"},
+    "report/page/scene.py": {"report"},
+    "report/terminal_tables.py": set(),
+    "results/statistics.py": set(),
+    "pipeline/run.py": set(),
+    "pipeline/worker.py": set(STAGES),
+    "sweeps/launch.py": set(),
+    "pretrained/card.py": set(),
+    "../cpp/common/thread_pool.cpp": set(STAGES),
+    "../cpp/rom/batch.cpp": ROM_LEARNED | {"report", "robustness"},
+    "../cpp/rom/native/kernel.cpp": ROM_LEARNED | {"report", "robustness"},
+    "../cpp/humanoid/planar_bodies.cpp": HUMANOID_RUNS,
+}  # which stages are made again when a file is edited, by hand
+
+
+def test_rooms_are_walls_between_trainings(copied: Path, compose_config: Composer) -> None:
+    """Each file edited in turn, and the keys of all stages before and after; every room is there."""
+    config = compose_config()
+    before = {stage: stage_key(stage, config, {}) for stage in STAGES}
+    wrong = []
+    for name, expected in EDITED.items():
+        path = (copied / "romgrl" / name).resolve()
+        content = path.read_bytes()
+        path.write_bytes(content + b"\n")
+        changed = {stage for stage in STAGES if before[stage] != stage_key(stage, config, {})}
+        path.write_bytes(content)
+        wrong += [f"{name}: {sorted(changed)}, not {sorted(expected)}"] if changed != expected else []
+    assert not wrong, "\n".join(wrong)
+    rooms = {path.name for path in (ROOT / "romgrl").iterdir() if path.is_dir() and any(path.glob("*.py"))}
+    assert {name.partition("/")[0] for name in EDITED if "/" in name} - {".."} == rooms
 
 
 def test_code_versions_and_upstream_artifacts_count(compose_config: Composer, monkeypatch: pytest.MonkeyPatch) -> None:
     config = compose_config()
     before = stage_key("reference", config, {"teacher": "a"})
     assert stage_key("reference", config, {"teacher": "b"}) != before
-    monkeypatch.setattr(stage_keys, "source_digest", lambda entry: "other")
+    monkeypatch.setattr(stage_keys, "source_digest", lambda entry, drawing: "other")
     assert stage_key("reference", config, {"teacher": "a"}) != before
     monkeypatch.undo()
     versions = stage_keys.computing_versions()

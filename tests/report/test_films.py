@@ -17,7 +17,7 @@ from romgrl.humanoid.model import build
 from romgrl.report import film, readme_preview, side_by_side_film
 from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import report
-from romgrl.stages.wiring.worlds import rom_parameters
+from romgrl.stages.wiring.rom import rom_parameters
 from tests.gait.synthetic import DT, run
 
 

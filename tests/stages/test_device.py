@@ -19,8 +19,8 @@ from romgrl.artifacts import save_arrays
 from romgrl.config.schema import Config
 from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import student, teacher
+from romgrl.stages.wiring.humanoid import humanoid_env
 from romgrl.stages.wiring.student_learner import build_learner
-from romgrl.stages.wiring.worlds import humanoid_env
 
 
 class CpuGenerator(torch.Generator):

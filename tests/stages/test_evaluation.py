@@ -16,11 +16,10 @@ from romgrl.artifacts import load_arrays, save_arrays
 from romgrl.config.schema import Config
 from romgrl.errors import ArtifactError, ConfigurationError
 from romgrl.humanoid.joint_power import replay
-from romgrl.humanoid.model import build, dimensions, fingerprint
+from romgrl.humanoid.model import build, configured, dimensions, fingerprint
 from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import evaluation
-from romgrl.stages.wiring.inputs import DISTANCE_COLUMNS
-from romgrl.stages.wiring.worlds import humanoid_model
+from romgrl.stages.wiring.artifact_arrays import DISTANCE_COLUMNS
 from tests.gait.synthetic import DT, run
 from tests.helpers.walkers import write_walker
 
@@ -113,7 +112,7 @@ def test_stage_writes_the_fixed_files(smoke_config: Config, tmp_path: Path) -> N
         path.mkdir()
     write_reference(inputs["reference"])
     for seed, name in enumerate(("student", "baseline")):
-        write_walker(inputs[name] / "policy.safetensors", seed=seed, humanoid=fingerprint(humanoid_model(config)))
+        write_walker(inputs[name] / "policy.safetensors", seed=seed, humanoid=fingerprint(configured(config.humanoid)))
     log = SilentLog()
     evaluation.run(config, inputs, tmp_path, log)
     size = (config.evaluation.episodes, config.evaluation.steps)

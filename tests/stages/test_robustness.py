@@ -10,11 +10,10 @@ import pandas as pd
 import pytest
 
 from romgrl.config.schema import Config
-from romgrl.humanoid.model import fingerprint
+from romgrl.humanoid.model import configured, fingerprint
 from romgrl.report.terminal_tables import robustness_metrics
 from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import robustness
-from romgrl.stages.wiring.worlds import humanoid_model
 from tests.conftest import Composer
 from tests.faults.test_misfit import teacher as write_teacher
 from tests.helpers.walkers import write_walker
@@ -53,7 +52,7 @@ def inputs(smoke_config: Config, tmp_path: Path) -> dict[str, Path]:
     for seed, name in enumerate(("student", "baseline")):
         (tmp_path / name).mkdir()
         write_walker(
-            tmp_path / name / "policy.safetensors", seed=seed, humanoid=fingerprint(humanoid_model(smoke_config))
+            tmp_path / name / "policy.safetensors", seed=seed, humanoid=fingerprint(configured(smoke_config.humanoid))
         )
     (tmp_path / "teacher").mkdir()
     write_teacher(tmp_path / "teacher" / "policy.safetensors", activation=smoke_config.teacher.activation)

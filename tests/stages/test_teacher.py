@@ -15,7 +15,7 @@ from romgrl.config.schema import Config
 from romgrl.errors import ArtifactError, DivergenceError
 from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import reference, teacher
-from romgrl.stages.wiring.worlds import rom_parameters
+from romgrl.stages.wiring.rom import rom_parameters
 from tests.conftest import Composer
 
 SMALL = (

@@ -19,7 +19,7 @@ from romgrl.config.schema import Config
 from romgrl.gait.discriminator_windows import FrameWindows, WindowLayout
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 from romgrl.runtime.stage_log import StageLog
-from romgrl.stages.wiring.worlds import humanoid_env
+from romgrl.stages.wiring.humanoid import humanoid_env
 
 EPISODES, STEPS = 16, 300
 FILE = "selection.csv"

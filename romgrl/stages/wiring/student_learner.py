@@ -19,7 +19,7 @@ from romgrl.config.schema import Config
 from romgrl.gait.discriminator_windows import WindowLayout, reference_windows
 from romgrl.humanoid.skeleton import HINGES
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
-from romgrl.stages.wiring.inputs import read_reference
+from romgrl.stages.wiring.artifact_arrays import read_reference
 
 ArrayMirror = tuple[NDArray[np.int64], NDArray[np.float32]]
 

@@ -1,4 +1,4 @@
-"""What a stage reads from the artifacts before it: a file fits, or an ArtifactError says what it has and needs."""
+"""Arrays and tables of the artifacts that a stage reads: a file fits, or ArtifactError says what it has and needs."""
 
 from __future__ import annotations
 
@@ -8,17 +8,12 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from gymnasium.spaces import flatdim
 from numpy.typing import NDArray
 
-from romgrl.algorithms import ppo, sac
 from romgrl.artifacts import load_arrays
 from romgrl.config.schema import Config
 from romgrl.errors import ArtifactError
 from romgrl.gait.features import CHANNELS, episode_bounds
-from romgrl.humanoid.model import identity
-from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
-from romgrl.rom.vector_env import SpringLegVectorEnv
 
 Arrays = dict[str, NDArray[Any]]
 WALKERS = ("student", "baseline")
@@ -27,30 +22,6 @@ ERROR_COLUMNS = ("channel", "alignment", "baseline", "student", "reduction_perce
 MEASURED = ("baseline", "student", "teacher_floor", "baseline_p", "student_p", "floor_p")
 DISTANCE_COLUMNS = ("distance", "channel", *MEASURED, "unit", "note")
 GAIT_COLUMNS = ("walker", "episodes", "falls", "steady_speed_m_per_s", "stride_frequency_hz", "trunk_lean_deg")
-
-
-def read_teacher(directory: Path, config: Config, env: SpringLegVectorEnv) -> ppo.DeterministicPolicy:
-    """The policy of the teacher for the reduced-order model that it is to walk."""
-    fits: dict[str, object] = {
-        "input_size": flatdim(env.single_observation_space),
-        "output_size": flatdim(env.single_action_space),
-        "hidden_sizes": list(config.teacher.hidden_sizes),
-        "activation": config.teacher.activation,
-    }
-    return ppo.load_policy(directory / "policy.safetensors", fits)
-
-
-def read_walker(directory: Path, env: PlanarHumanoidVectorEnv) -> sac.DeterministicPolicy:
-    """The policy of student or baseline for the humanoid that it is to walk."""
-    path = directory / "policy.safetensors"
-    policy = sac.load_policy(path, humanoid=identity(env.model))
-    actions, observations = policy.policy.sizes[-1] // 2, flatdim(env.single_observation_space)
-    if policy.policy.sizes[-1] != 2 * env.model.nu:
-        raise ArtifactError(f"{path}: {actions} actions; needed: {env.model.nu}")
-    low, high = int(policy.columns.min()), int(policy.columns.max())
-    if low < 0 or high >= observations:
-        raise ArtifactError(f"{path}: observation columns from {low} to {high}; needed: below {observations}")
-    return policy
 
 
 def read_reference(directory: Path, config: Config, *, steps: int = 1) -> Arrays:

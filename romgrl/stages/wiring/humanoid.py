@@ -1,0 +1,33 @@
+"""The humanoid of a configuration: its model, its vector environment."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from romgrl.config.schema import Config
+from romgrl.humanoid import model
+from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
+
+
+def humanoid_env(
+    config: Config, *, num_envs: int, episode_steps: int | None = None, compact: bool = False, body: Any = None
+) -> PlanarHumanoidVectorEnv:
+    """The humanoid of the configuration, `num_envs` times; episode_steps: None for the configuration's.
+
+    `compact`: observations without the columns that are constant in the plane; `body`: another model in its place.
+    """
+    humanoid = config.humanoid
+    return PlanarHumanoidVectorEnv(
+        model=model.configured(config.humanoid) if body is None else body,
+        num_envs=num_envs,
+        compact=compact,
+        speed=config.speed,
+        alpha=config.student.alpha,
+        episode_steps=episode_steps or humanoid.episode_steps,
+        reset_speed=tuple(humanoid.reset_speed),
+        fall_pelvis_height=humanoid.fall_pelvis_height,
+        fall_head_height=humanoid.fall_head_height,
+        fall_trunk_lean=humanoid.fall_trunk_lean,
+        control_frequency=humanoid.control_frequency,
+        num_threads=config.threads,
+    )

@@ -1,0 +1,33 @@
+"""The reduced-order model of a configuration: its parameters, its vector environment."""
+
+from __future__ import annotations
+
+from typing import cast
+
+from romgrl.config.schema import Config
+from romgrl.humanoid import model
+from romgrl.rom.parameters import Reward, SpringLegParameters
+from romgrl.rom.vector_env import SpringLegVectorEnv
+
+
+def rom_env(config: Config, *, num_envs: int, episode_steps: int) -> SpringLegVectorEnv:
+    """The reduced-order model of the configuration, `num_envs` times."""
+    return SpringLegVectorEnv(
+        parameters=rom_parameters(config),
+        num_envs=num_envs,
+        speed=config.teacher.speed,
+        control_frequency=config.humanoid.control_frequency,
+        episode_steps=episode_steps,
+        reward=cast(Reward, config.teacher.reward),
+        alpha=config.teacher.alpha,
+        num_threads=config.threads,
+    )
+
+
+def rom_parameters(config: Config) -> SpringLegParameters:
+    """Parameters of the reduced-order model; those that are null come from the humanoid."""
+    sizes = model.dimensions(model.configured(config.humanoid))
+    values = {name: value for name, value in vars(config.rom).items() if name != "name"}
+    defaults = {"mass": sizes.mass, "leg_length": sizes.leg_length, "foot_radius": sizes.ankle_height}
+    values |= {name: value for name, value in defaults.items() if values[name] is None}
+    return SpringLegParameters(**values)

@@ -1,0 +1,22 @@
+"""The policy of a teacher, which fits the reduced-order model that it is to walk, or ArtifactError."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from gymnasium.spaces import flatdim
+
+from romgrl.algorithms import ppo
+from romgrl.config.schema import Config
+from romgrl.rom.vector_env import SpringLegVectorEnv
+
+
+def read_teacher(directory: Path, config: Config, env: SpringLegVectorEnv) -> ppo.DeterministicPolicy:
+    """The policy of the teacher for the reduced-order model that it is to walk."""
+    fits: dict[str, object] = {
+        "input_size": flatdim(env.single_observation_space),
+        "output_size": flatdim(env.single_action_space),
+        "hidden_sizes": list(config.teacher.hidden_sizes),
+        "activation": config.teacher.activation,
+    }
+    return ppo.load_policy(directory / "policy.safetensors", fits)
