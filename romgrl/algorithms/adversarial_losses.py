@@ -17,6 +17,7 @@ which are standardised feature units times the slope that the gradient penalty a
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor
@@ -43,23 +44,45 @@ def wasserstein_loss(real_logits: Tensor, fake_logits: Tensor, label_smoothing: 
     return fake_logits.mean() - real_logits.mean()
 
 
-LOSSES = {"bce": bce_loss, "least_squares": least_squares_loss, "wasserstein": wasserstein_loss}
+@dataclass(frozen=True)
+class AdversarialLoss:
+    """A loss of the discriminator and what goes with it; another one is a record more in LOSSES.
+
+    `loss` of real and fake logits (B,) and the label smoothing; `reward` (B,) of logits and `level`, the mean logit of
+    held-out windows of the teacher. `relative`: logits are known up to a constant, so that only differences count.
+    `undecided`: what the loss of a discriminator that tells nothing apart is measured by; None: that of zeros.
+    """
+
+    loss: Callable[[Tensor, Tensor, float], Tensor]
+    reward: Callable[[Tensor, Tensor], Tensor]
+    relative: bool = False
+    undecided: float | None = None
+
+    def paid(self, logits: Tensor, level: Tensor, limit: float | None) -> Tensor:
+        """The reward, at most `limit`."""
+        reward = self.reward(logits, level)
+        return reward.clamp(max=limit) if limit is not None else reward
+
+    def threshold(self, real_logits: Tensor, fake_logits: Tensor) -> Tensor | float:
+        """The logit above which a window counts as the teacher's: midway where zero means nothing."""
+        return 0.5 * (real_logits.mean() + fake_logits.mean()) if self.relative else 0.0
+
+    def undecided_loss(self, label_smoothing: float) -> float:
+        """What the loss of a discriminator that tells nothing apart is measured by."""
+        nothing = torch.zeros(1)
+        return float(self.loss(nothing, nothing, label_smoothing)) if self.undecided is None else self.undecided
 
 
-def imitation_reward(loss: str, logits: Tensor, level: Tensor, limit: float | None) -> Tensor:
-    """The reward that goes with a loss, at most `limit`; `level` is used by wasserstein only."""
-    if loss == "wasserstein":
-        reward = (logits - level).clamp(max=0).exp()
-    elif loss == "least_squares":
-        reward = (1 - 0.25 * (logits - 1).square()).clamp(min=0)
-    else:
-        reward = F.softplus(logits)
-    return reward.clamp(max=limit) if limit is not None else reward
-
-
-def decision_threshold(loss: str, real_logits: Tensor, fake_logits: Tensor) -> Tensor | float:
-    """The logit above which a window counts as the teacher's: midway between the streams where zero means nothing."""
-    return 0.5 * (real_logits.mean() + fake_logits.mean()) if loss == "wasserstein" else 0.0
+LOSSES = {
+    "bce": AdversarialLoss(bce_loss, lambda logits, level: F.softplus(logits)),
+    "least_squares": AdversarialLoss(
+        least_squares_loss, lambda logits, level: (1 - 0.25 * (logits - 1).square()).clamp(min=0)
+    ),
+    "wasserstein": AdversarialLoss(
+        wasserstein_loss, lambda logits, level: (logits - level).clamp(max=0).exp(), relative=True, undecided=1.0
+    ),
+}
+"""By the value of `discriminator.loss`, whose choices stand in romgrl.config.schema."""
 
 
 def interpolate_penalty(logits: Logits, real: Tensor, fake: Tensor, mix: Tensor) -> Tensor:

@@ -10,8 +10,6 @@ from torch import Tensor, nn
 
 from romgrl.algorithms.adversarial_losses import (
     LOSSES,
-    decision_threshold,
-    imitation_reward,
     interpolate_penalty,
     zero_penalty,
 )
@@ -63,7 +61,7 @@ class Discriminator:
         self.optimizer = torch.optim.Adam(self.network.parameters(), lr=learning_rate, fused=True)
         self.penalty_weight, self.label_smoothing, self.noise = penalty_weight, label_smoothing, noise
         self.reward_limit, self.patience = reward_limit, patience
-        self.loss, self.penalty_on = loss, penalty_on
+        self.adversarial, self.penalty_on = LOSSES[loss], penalty_on
         self.level = torch.zeros((), device=device)  # mean logit of the held-out windows
         self.best_validation = torch.tensor(float("inf"), device=device)
         self.stale_updates = torch.zeros((), dtype=torch.int64, device=device)
@@ -78,7 +76,7 @@ class Discriminator:
     def reward(self, frames: Tensor) -> Tensor:
         """Imitation reward (B,) of clean windows, dropout off."""
         self.network.eval()
-        return imitation_reward(self.loss, self.logits(frames), self.level, self.reward_limit)
+        return self.adversarial.paid(self.logits(frames), self.level, self.reward_limit)
 
     def update(self, frames: Tensor) -> dict[str, Tensor]:
         """One step on as many windows of the teacher as of the student, (B, frame_size)."""
@@ -86,7 +84,7 @@ class Discriminator:
         index = torch.randint(len(self.real), (len(frames),), generator=self.generator, device=frames.device)
         real, fake = self._perturb(self.real[index]), self._perturb(frames)
         real_logits, fake_logits = self.logits(real), self.logits(fake)
-        loss = LOSSES[self.loss](real_logits, fake_logits, self.label_smoothing)
+        loss = self.adversarial.loss(real_logits, fake_logits, self.label_smoothing)
         penalty = self._penalty(real, fake)
         self.optimizer.zero_grad()
         torch.autograd.backward(loss + self.penalty_weight * penalty)
@@ -95,7 +93,7 @@ class Discriminator:
         self.optimizer.step()
         check(discriminator_weights=nn.utils.get_total_norm([p.detach() for p in self.network.parameters()]))
         self.updates += 1
-        threshold = decision_threshold(self.loss, real_logits, fake_logits)
+        threshold = self.adversarial.threshold(real_logits, fake_logits)
         return {
             "discriminator_loss": loss.detach(),
             "discriminator_accuracy_teacher": (real_logits > threshold).float().mean(),
@@ -120,8 +118,8 @@ class Discriminator:
             "logit_teacher": teacher.mean(),
             "logit_student": student.mean(),
             "logit_spread": torch.cat((teacher, student)).std(),
-            "fit_loss": LOSSES[self.loss](teacher, student, self.label_smoothing),
-            "held_out_loss": LOSSES[self.loss](held_out, student, self.label_smoothing),
+            "fit_loss": self.adversarial.loss(teacher, student, self.label_smoothing),
+            "held_out_loss": self.adversarial.loss(held_out, student, self.label_smoothing),
             "feature_gap": torch.cat((shift, ratio)).square().mean().sqrt(),
         }
         return {f"discriminator_{name}": float(value) for name, value in values.items()}
@@ -147,7 +145,7 @@ class Discriminator:
 
     def _tensors(self) -> dict[str, Tensor]:
         own = {"best_validation": self.best_validation, "stale_updates": self.stale_updates}
-        own |= {"level": self.level} if self.loss == "wasserstein" else {}
+        own |= {"level": self.level} if self.adversarial.relative else {}
         return own | dict(self.network.state_dict())
 
     @torch.no_grad()
@@ -156,7 +154,7 @@ class Discriminator:
         self.network.eval()
         held_out = self.logits(self.validation)
         self.level = held_out.mean()
-        loss = LOSSES[self.loss](held_out, self.logits(fake), self.label_smoothing)
+        loss = self.adversarial.loss(held_out, self.logits(fake), self.label_smoothing)
         better = loss < self.best_validation
         self.best_validation = torch.where(better, loss, self.best_validation)
         self.stale_updates = torch.where(better, 0, self.stale_updates + 1)

@@ -10,7 +10,7 @@ from collections.abc import Callable, Collection, Iterator
 from itertools import pairwise
 
 from romgrl.cli.locations import is_file, outputs_directory, tracking_store
-from romgrl.config.schema import Config
+from romgrl.config.schema import CRITICS, Config
 from romgrl.config.values import bad_value, fits, refusal, schema_keys, show, value_of
 from romgrl.errors import ArtifactError, ConfigurationError
 
@@ -130,8 +130,8 @@ def judged_windows(config: Config) -> Iterator[str]:
 def critic(config: Config) -> Iterator[str]:
     """Nothing but the penalty keeps a Wasserstein critic from growing without end."""
     judge = config.discriminator
-    if judge.name != "none" and judge.loss == "wasserstein" and judge.gradient_penalty == 0:
-        yield refusal("discriminator.gradient_penalty", 0, "more than 0 with discriminator.loss=wasserstein")
+    if judge.name != "none" and judge.loss in CRITICS and judge.gradient_penalty == 0:
+        yield refusal("discriminator.gradient_penalty", 0, f"more than 0 with discriminator.loss={judge.loss}")
 
 
 def springs(config: Config) -> Iterator[str]:

@@ -165,6 +165,9 @@ class Student:
     pretrained: bool = key("true: nothing is trained; student and baseline that ship with the package are taken")
 
 
+LABELLED, CRITICS = ("bce", "least_squares"), ("wasserstein",)  # losses; only a penalty bounds a critic
+
+
 @dataclass
 class Discriminator:
     """Adversarial judge of the gait (paper section 3.3)."""
@@ -179,7 +182,7 @@ class Discriminator:
     stride: int = key("control steps from one frame of a window to the next", low=1, high=32)
     loss: str = key(
         "bce: cross-entropy; least_squares: as AMP; wasserstein: a critic as WGAN-GP; each with its own reward",
-        choices=("bce", "least_squares", "wasserstein"),
+        choices=(*LABELLED, *CRITICS),
     )
     reward: str = key(
         "recomputed: by the current discriminator whenever a transition is drawn; stored: by the one of its time",

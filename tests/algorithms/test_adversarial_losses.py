@@ -8,8 +8,6 @@ from torch import Tensor, nn
 
 from romgrl.algorithms.adversarial_losses import (
     LOSSES,
-    decision_threshold,
-    imitation_reward,
     interpolate_penalty,
     zero_penalty,
 )
@@ -28,25 +26,25 @@ REAL, FAKE = torch.tensor([0.5, 2.0]), torch.tensor([-1.0, 0.2])
     ],
 )
 def test_losses_on_paper(loss: str, expected: float) -> None:
-    assert float(LOSSES[loss](REAL, FAKE, 0.0)) == pytest.approx(expected, rel=1e-6)
+    assert float(LOSSES[loss].loss(REAL, FAKE, 0.0)) == pytest.approx(expected, rel=1e-6)
 
 
 def test_rewards_on_paper() -> None:
     logits = torch.tensor([-3.0, -1.0, 0.0, 1.0, 2.0, 5.0])
-    amp = imitation_reward("least_squares", logits, ZERO, None)
+    amp = LOSSES["least_squares"].paid(logits, ZERO, None)
     torch.testing.assert_close(amp, torch.tensor([0.0, 0.0, 0.75, 1.0, 0.75, 0.0]))
-    critic = imitation_reward("wasserstein", logits, torch.tensor(2.0), None)
+    critic = LOSSES["wasserstein"].paid(logits, torch.tensor(2.0), None)
     torch.testing.assert_close(critic, torch.tensor([math.exp(min(0.0, logit - 2)) for logit in logits.tolist()]))
     for loss in LOSSES:
-        assert float(imitation_reward(loss, logits, ZERO, 0.5).max()) == 0.5
+        assert float(LOSSES[loss].paid(logits, ZERO, 0.5).max()) == 0.5
 
 
 def test_a_constant_on_all_logits_changes_nothing_for_a_critic() -> None:
-    shifted = [imitation_reward("wasserstein", FAKE + c, REAL.mean() + c, None) for c in (0.0, 7.0)]
+    shifted = [LOSSES["wasserstein"].paid(FAKE + c, REAL.mean() + c, None) for c in (0.0, 7.0)]
     torch.testing.assert_close(*shifted)
-    threshold = decision_threshold("wasserstein", REAL + 7, FAKE + 7)
+    threshold = LOSSES["wasserstein"].threshold(REAL + 7, FAKE + 7)
     assert float(threshold) == pytest.approx(7 + (1.25 - 0.4) / 2)
-    assert decision_threshold("bce", REAL, FAKE) == decision_threshold("least_squares", REAL, FAKE) == 0.0
+    assert LOSSES["bce"].threshold(REAL, FAKE) == LOSSES["least_squares"].threshold(REAL, FAKE) == 0.0
 
 
 def by_hand(network: nn.Module, points: Tensor) -> list[Tensor]:
@@ -165,7 +163,7 @@ def test_a_critic_of_two_gaussians_measures_their_distance(weight: float) -> Non
 
     for _ in range(300):
         optimizer.zero_grad()
-        loss = LOSSES["wasserstein"](logits(real), logits(fake), 0.0)
+        loss = LOSSES["wasserstein"].loss(logits(real), logits(fake), 0.0)
         torch.autograd.backward(loss + weight * interpolate_penalty(logits, real, fake, mix))
         optimizer.step()
     assert float(critic.weight.detach()) == pytest.approx(1 + 0.5 / weight, rel=1e-3)

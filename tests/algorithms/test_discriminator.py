@@ -5,7 +5,7 @@ import math
 import pytest
 import torch
 
-from romgrl.algorithms.adversarial_losses import bce_loss, imitation_reward, interpolate_penalty
+from romgrl.algorithms.adversarial_losses import LOSSES, bce_loss, interpolate_penalty
 from romgrl.algorithms.discriminator import Discriminator
 
 
@@ -52,10 +52,8 @@ def test_gradient_penalty_of_linear_and_quadratic_judges() -> None:
 def test_imitation_reward_is_minus_log_one_minus_d() -> None:
     probability = torch.tensor([0.1, 0.5, 0.9, 1 - 1e-6])
     logits = torch.log(probability / (1 - probability))
-    torch.testing.assert_close(
-        imitation_reward("bce", logits, torch.zeros(()), None)[:3], -torch.log(1 - probability[:3])
-    )
-    assert float(imitation_reward("bce", logits, torch.zeros(()), 3.0)[3]) == 3.0
+    torch.testing.assert_close(LOSSES["bce"].paid(logits, torch.zeros(()), None)[:3], -torch.log(1 - probability[:3]))
+    assert float(LOSSES["bce"].paid(logits, torch.zeros(()), 3.0)[3]) == 3.0
 
 
 def test_it_learns_to_tell_and_rewards_what_looks_real() -> None:

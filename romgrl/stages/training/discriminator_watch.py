@@ -8,7 +8,7 @@ from pathlib import Path
 
 import torch
 
-from romgrl.algorithms.adversarial_losses import LOSSES, imitation_reward
+from romgrl.algorithms.adversarial_losses import LOSSES
 from romgrl.algorithms.discriminator_health import COLUMNS, ROWS, Setting, diagnose
 from romgrl.artifacts.checkpoint import State
 from romgrl.config.schema import Config
@@ -21,12 +21,13 @@ UNKNOWN = "too short to tell"
 def setting(config: Config) -> Setting:
     """What the numbers of a training are measured against."""
     judge, zero = config.discriminator, torch.zeros(1)
+    adversarial = LOSSES[judge.loss]
     return Setting(
         speed=config.speed,
         eta=config.eta,
         reward_limit=judge.reward_limit,
-        undecided_reward=float(imitation_reward(judge.loss, zero, zero, judge.reward_limit)),
-        undecided_loss=float(LOSSES[judge.loss](zero, zero, judge.label_smoothing)) or 1.0,  # wasserstein: 0
+        undecided_reward=float(adversarial.paid(zero, zero, judge.reward_limit)),
+        undecided_loss=adversarial.undecided_loss(judge.label_smoothing),
     )
 
 
