@@ -14,7 +14,7 @@ from hydra.core.global_hydra import GlobalHydra
 import romgrl.humanoid  # noqa: F401 - MuJoCo, before a test imports it under a MUJOCO_GL that does not work here
 from romgrl.cli.compose import CONF, register_schema, to_config
 from romgrl.config.schema import Config
-from romgrl.provenance import stage_keys
+from romgrl.provenance import stage_graph
 from romgrl.runtime import signals
 from tests.helpers import fake_stages
 from tests.helpers.jobs import Command, start
@@ -70,10 +70,10 @@ def interrupt(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
 @pytest.fixture
 def fakes() -> Iterator[None]:
     """Replace every stage by a fake one."""
-    saved = dict(stage_keys.STAGES)
+    saved = dict(stage_graph.STAGES)
     fake_stages.install()
     yield
-    stage_keys.STAGES.update(saved)
+    stage_graph.STAGES.update(saved)
 
 
 @pytest.fixture

@@ -24,9 +24,9 @@ ALLOWED: dict[str, set[str]] = {
     "artifacts": {"errors"},
     "algorithms": {"artifacts", "errors"},
     "humanoid": {"config", "errors"},
-    "report": {"artifacts", "errors", "gait", "rom", "runtime"},
-    "tracking": {"artifacts", "config", "errors", "report", "runtime"},
-    "provenance": {"artifacts", "config", "errors", "humanoid"},
+    "provenance": {"artifacts", "config", "errors", "humanoid", "runtime"},
+    "report": {"artifacts", "errors", "gait", "provenance", "rom", "runtime"},
+    "tracking": {"artifacts", "config", "errors", "provenance", "runtime"},
     "stages": {
         "algorithms",
         "artifacts",

@@ -21,8 +21,8 @@ from romgrl.config.values import schema_keys
 from romgrl.humanoid import model
 from romgrl.pipeline import run as pipeline
 from romgrl.pipeline import worker
+from romgrl.provenance.stage_graph import STAGES as STAGE_GRAPH
 from romgrl.provenance.stage_keys import LABELS, stage_settings
-from romgrl.provenance.stage_keys import STAGES as STAGE_GRAPH
 from romgrl.tracking.recorder import default_uri
 from tests.conftest import Composer
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from romgrl.provenance.stage_graph import ACTIONS, STAGES
+
 TEXT = """romgrl: a humanoid learns to walk and run from a reduced-order model, with no human demonstration.
 
   python -m romgrl                               the whole pipeline (about 15 minutes)
@@ -14,8 +16,8 @@ TEXT = """romgrl: a humanoid learns to walk and run from a reduced-order model, 
   python -m romgrl --config-dir sweeps --config-name paper    a stored sweep (of the source)
 
 Keys:
-  stage      all, teacher, reference, student, baseline, evaluation or report; robustness tries the walkers' balance,
-             watch plays one of them, verify compares what is finished with the paper, sync sends MLflow what is left
+  stage      all, or one of these, with what it needs:
+{stages}
   speed      target speed of student and baseline in m/s
   eta        weight of the task reward; 1 - eta weighs imitation
   noise      standard deviation of the noise on the discriminator's features
@@ -31,7 +33,9 @@ Exit codes: 0 done, 1 a job of a sweep was lost, 2 bad configuration, 3 bad or m
 
 
 def usage(conf: Path) -> str:
-    """The text, with the choices of every group in a configuration directory."""
+    """The text, with all stages, and the choices of every group in a configuration directory."""
     groups = sorted(path for path in conf.iterdir() if path.is_dir() and path.name != "hydra")
     lines = [f"  {group.name:<14} {', '.join(sorted(file.stem for file in group.glob('*.yaml')))}" for group in groups]
-    return TEXT.format(groups="\n".join(lines))
+    docs = {name: stage.doc + ("; no part of all" if stage.optional else "") for name, stage in STAGES.items()}
+    stages = [f"             {name:<11} {doc}" for name, doc in (docs | ACTIONS).items()]
+    return TEXT.format(stages="\n".join(stages), groups="\n".join(lines))

@@ -29,16 +29,10 @@ from romgrl.config.schema import Config
 from romgrl.errors import ArtifactError, RomgrlError
 from romgrl.pipeline.run_names import stage_note, stage_title
 from romgrl.pipeline.worker import Runner, working_lock
-from romgrl.provenance.stage_keys import (
-    STAGES,
-    require_same_body,
-    stage_config,
-    stage_function,
-    stage_key,
-    stage_settings,
-)
+from romgrl.provenance.stage_graph import STAGES
+from romgrl.provenance.stage_keys import require_same_body, stage_config, stage_function, stage_key, stage_settings
 from romgrl.provenance.versions import git_state, versions
-from romgrl.report.terminal_tables import headline, result_metrics
+from romgrl.report.terminal_tables import headline
 from romgrl.runtime.stage_log import TerminalLog, format_duration
 from romgrl.tracking.download import fetch_artifact
 from romgrl.tracking.recorder import RecordedRun, Recorder
@@ -153,6 +147,14 @@ class Job:
         with setting_aside(directory):
             return open_artifact(directory, stage=stage, key=directory.name)
 
+    def numbers(self) -> dict[str, float]:
+        """The numbers of all stages that are finished."""
+        return {
+            name: number
+            for stage, directory in self.finished.items()
+            for name, number in STAGES[stage].numbers(directory).items()
+        }
+
     def record_reuse(self) -> None:
         """Tell MLflow which runs this job took its artifacts from, and the seconds that this saved."""
         if self.reused:
@@ -199,8 +201,7 @@ class Job:
             )
             publish(workspace.partial, directory)
             run.tags(health_tags(directory))
-            if stage == "evaluation":
-                run.metrics(headline(result_metrics(directory)), 0)
+            run.metrics(headline(STAGES[stage].numbers(directory)), 0)
             run.artifacts(directory)
             workspace.close()
             status = "FINISHED"

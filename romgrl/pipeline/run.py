@@ -11,22 +11,15 @@ from queue import SimpleQueue
 from rich.console import Console
 
 from romgrl.cli.consistency import validate
-from romgrl.config.schema import STAGES as PIPELINE
 from romgrl.config.schema import Config
 from romgrl.pipeline.job import Job
 from romgrl.pipeline.run_names import job_note, job_title
 from romgrl.pipeline.watch import watch
 from romgrl.pipeline.worker import Worker, execute
 from romgrl.provenance.shipped import require_shipped
-from romgrl.provenance.stage_keys import STAGES, body_digests, plan, share_threads
-from romgrl.report.terminal_tables import (
-    HEADLINE,
-    TRAINING_MINUTES,
-    headline,
-    result_metrics,
-    result_tables,
-    robustness_metrics,
-)
+from romgrl.provenance.stage_graph import STAGES, plan, share_threads, wanted
+from romgrl.provenance.stage_keys import body_digests
+from romgrl.report.terminal_tables import HEADLINE, TRAINING_MINUTES, headline
 from romgrl.runtime import signals
 from romgrl.runtime.cores import available_cores
 from romgrl.runtime.stage_log import WIDEST_TABLE, make_bars, make_console
@@ -81,10 +74,7 @@ def run(
             run_stages(job)
         describe(job, title)  # first: the UI shows the numbers of a run in the order in which they came
         job.record_reuse()
-        if "evaluation" in job.finished:
-            tracked.metrics(result_metrics(job.finished["evaluation"]), 0)
-        if "robustness" in job.finished:
-            tracked.metrics(robustness_metrics(job.finished["robustness"]), 0)
+        tracked.metrics(job.numbers(), 0)
         status = "FINISHED"
     except KeyboardInterrupt:
         status = "KILLED"
@@ -92,8 +82,8 @@ def run(
     finally:
         tracked.finish(status)
         recorder.close()
-    if "evaluation" in job.finished:
-        for table in result_tables(job.finished["evaluation"]):
+    for stage, directory in job.finished.items():
+        for table in STAGES[stage].shown(directory):
             console.print(table)
     if "report" in job.finished:
         job.say(f"figures and films: {job.finished['report']}")
@@ -106,7 +96,7 @@ def run(
 
 def describe(job: Job, title: str) -> None:
     """Give the job's run its description and the numbers that the UI shows first."""
-    numbers = headline(result_metrics(job.finished["evaluation"])) if "evaluation" in job.finished else {}
+    numbers = headline(job.numbers())
     if {"teacher", "student", "baseline"} <= job.manifests.keys():
         numbers |= {TRAINING_MINUTES: sum(each.wall_time for each in job.manifests.values()) / 60}
     job.run.metrics(numbers, 0)
@@ -145,7 +135,7 @@ def resolve(config: Config) -> Config:
 def run_stages(job: Job) -> None:
     """Make what is missing: in this process one after the other, or in two where stages can run side by side."""
     config = job.config
-    stages = plan(PIPELINE if config.stage == "all" else [config.stage], job.present)
+    stages = plan(wanted(config.stage), job.present)
     job.require_places(stages)
     threads = dict.fromkeys(stages, config.threads)
     if config.parallel_stages and config.threads >= WORKERS:

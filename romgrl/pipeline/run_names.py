@@ -7,22 +7,19 @@ from collections.abc import Mapping, Sequence
 from romgrl.artifacts import Manifest
 from romgrl.config.schema import Config
 from romgrl.config.values import value_of
-from romgrl.provenance.stage_keys import STAGES, stage_config, upstream_of
+from romgrl.provenance.stage_graph import KNOBS, STAGES, upstream_of
+from romgrl.provenance.stage_keys import stage_config
 from romgrl.report.terminal_tables import run_link
 from romgrl.results.sweep_record import settings
 from romgrl.runtime.stage_log import format_duration
 
-KNOBS = {"speed": "v", "eta": "eta", "noise": "noise", "seed": "s"}
-WALKING_KNOBS = {"speed": "v", "seed": "s"}
-TEACHING_KNOBS = {"teacher.speed": "v", "seed": "s"}
-SHOWN = {"teacher": TEACHING_KNOBS, "reference": TEACHING_KNOBS, "baseline": WALKING_KNOBS}
 Overrides = Sequence[str]
 
 
 def stage_title(stage: str, config: Config, overrides: Overrides) -> str:
     """`student v=4 eta=0.5 noise=0.05 s=0`, and what else was chosen that the stage depends on."""
     roots = {key for name in upstream_of(stage) | {stage} for key in STAGES[name].depends}
-    knobs = SHOWN.get(stage, KNOBS)
+    knobs = STAGES[stage].knobs
     chosen = {
         key: value
         for key, value in settings(overrides).items()

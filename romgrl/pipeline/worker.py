@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import os
 import signal
 import subprocess
@@ -23,9 +22,9 @@ from romgrl.config.schema import Config
 from romgrl.errors import RomgrlError
 from romgrl.runtime import signals
 from romgrl.runtime.display import protect
+from romgrl.runtime.functions import load_function
 from romgrl.runtime.stage_log import StageLog
 
-StageFunction = Callable[[Config, Mapping[str, Path], Path, StageLog], None]
 Runner = Callable[[str, Config, Mapping[str, Path], Path, StageLog], None]
 
 PROGRESS_INTERVAL = 0.2  # seconds between reports of a worker, about as often as the bar is drawn
@@ -51,13 +50,6 @@ def prepare(config: Config) -> None:
     np.random.seed(config.seed)  # noqa: NPY002 - libraries may draw from the global generator
     torch.set_num_threads(config.threads)
     torch.set_flush_denormal(True)  # vanishing gradients cost up to 30 times the time
-
-
-def load_function(entry: str) -> StageFunction:
-    """Import `module:function`."""
-    module, _, name = entry.partition(":")
-    function: StageFunction = getattr(importlib.import_module(module), name)
-    return function
 
 
 class Worker:

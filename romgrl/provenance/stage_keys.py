@@ -1,11 +1,11 @@
-"""The graph of stages, and the key of each: what it is made from decides where it is stored."""
+"""The key of each stage: what it is made from decides where it is stored."""
 
 from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Collection, Iterable, Mapping
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Mapping
+from dataclasses import asdict, replace
 from functools import lru_cache
 from typing import Any
 
@@ -14,74 +14,10 @@ from romgrl.config.values import value_of
 from romgrl.errors import ArtifactError
 from romgrl.provenance.shipped import GROUPS, is_pretrained, shipped
 from romgrl.provenance.source_digest import source_digest
+from romgrl.provenance.stage_graph import STAGES
 from romgrl.provenance.versions import computing_versions
 
-
-@dataclass(frozen=True)
-class Stage:
-    """A stage: the function that runs it, the stages it reads, and the keys that change what it makes."""
-
-    function: str
-    upstream: tuple[str, ...]
-    depends: tuple[str, ...]
-
-
-BODY = ("humanoid.xml", "humanoid.height", "humanoid.mass", "humanoid.control_frequency")
-STAGES: dict[str, Stage] = {
-    "teacher": Stage("romgrl.stages.teacher:run", (), ("rom", "teacher", *BODY, "seed", "device")),
-    "reference": Stage("romgrl.stages.reference:run", ("teacher",), ("rom", "teacher", *BODY, "reference", "seed")),
-    "student": Stage(
-        "romgrl.stages.student:run",
-        ("reference",),
-        ("student", "discriminator", "humanoid", "teacher.speed", "speed", "eta", "noise", "seed", "device"),
-    ),
-    "baseline": Stage("romgrl.stages.student:run", (), ("student", "humanoid", "speed", "seed", "device")),
-    "evaluation": Stage(
-        "romgrl.stages.evaluation:run",
-        ("reference", "student", "baseline"),
-        ("evaluation", "humanoid", "student.alpha", "teacher.speed", "speed", "seed"),
-    ),
-    "report": Stage(
-        "romgrl.stages.report:run",
-        ("teacher", "reference", "student", "baseline", "evaluation"),
-        ("rom", "teacher", "evaluation", "humanoid", "student.alpha", "speed", "eta", "noise", "seed"),
-    ),
-    "robustness": Stage(
-        "romgrl.stages.robustness:run",
-        ("teacher", "student", "baseline"),
-        ("robustness", "rom", "teacher", "humanoid", "student.alpha", "speed", "seed"),
-    ),
-}
-DRAWN = ("report", "robustness")  # stages whose artifacts hold pictures
 LABELS = ("rom.name", "teacher.name", "humanoid.name", "student.name")  # say what was chosen, change nothing
-
-
-def plan(targets: Iterable[str], present: Callable[[str], bool]) -> list[str]:
-    """The targets and, for each that is not there, what it needs; upstream first."""
-    needed = set(targets)
-    for stage in reversed(STAGES):
-        if stage in needed and not present(stage):
-            needed |= set(STAGES[stage].upstream)
-    return [stage for stage in STAGES if stage in needed]
-
-
-def share_threads(stages: Collection[str], threads: int) -> dict[str, int]:
-    """Threads of each stage that is to be made: half of all where another does not need it, nor it the other.
-
-    Decided before the first stage starts, so that no result depends on how long another stage takes.
-    """
-    ahead = {stage: upstream_of(stage) for stage in stages}
-
-    def beside(stage: str) -> bool:
-        return any(one != stage and one not in ahead[stage] and stage not in ahead[one] for one in stages)
-
-    return {stage: max(1, threads // 2) if beside(stage) else threads for stage in stages}
-
-
-def upstream_of(stage: str) -> set[str]:
-    """Every stage that a stage needs, directly or through others."""
-    direct = STAGES[stage].upstream
-    return set(direct).union(*(upstream_of(name) for name in direct))
 
 
 def stage_config(stage: str, config: Config) -> Config:
@@ -164,7 +100,7 @@ def stage_key(stage: str, config: Config, upstream: Mapping[str, str]) -> str:
     document = {
         "stage": stage,
         "settings": stage_settings(stage, config),
-        "sources": source_digest(stage_function(stage, config), drawing=stage in DRAWN),
+        "sources": source_digest(stage_function(stage, config), drawing=STAGES[stage].drawn),
         "versions": computing_versions(),
         "upstream": dict(upstream),
     }

@@ -10,10 +10,10 @@ from pathlib import Path
 from rich.table import Table
 
 from romgrl.gait.features import CHANNELS
+from romgrl.provenance.stage_graph import STAGES
 
 Rows = list[dict[str, str]]
 ALIGNMENTS = ("aligned", "raw")
-LABELS = {"mse.csv": ("channel", "alignment"), "distances.csv": ("distance", "channel"), "gait.csv": ("walker",)}
 ALL = "all"
 MEASURED = ("baseline", "student", "teacher_floor", "baseline_p", "student_p")
 GROWING = ("push_forward", "push_backward", "observation_noise")
@@ -46,7 +46,7 @@ def result_metrics(evaluation: Path) -> dict[str, float]:
     Named pelvis_y/aligned/student, mmd/all/student_p, student/mean_speed_m_per_s and so on.
     """
     metrics: dict[str, float] = {}
-    for name, names in LABELS.items():
+    for name, names in STAGES["evaluation"].tables.items():
         for row in read_rows(evaluation / name):
             if name == "distances.csv" and row["channel"] != ALL:
                 continue

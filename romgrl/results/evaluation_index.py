@@ -13,7 +13,8 @@ from romgrl.artifacts import Manifest, open_artifact, read_manifest
 from romgrl.config.schema import Config
 from romgrl.config.values import show
 from romgrl.errors import ArtifactError
-from romgrl.provenance.stage_keys import STAGES, stage_settings, upstream_of
+from romgrl.provenance.stage_graph import STAGES, upstream_of
+from romgrl.provenance.stage_keys import stage_settings
 from romgrl.report.terminal_tables import result_metrics, with_weakest
 
 LINEAGE = tuple(stage for stage in STAGES if stage in upstream_of("evaluation") | {"evaluation"})

@@ -26,6 +26,7 @@ from omegaconf import DictConfig, OmegaConf
 from romgrl.artifacts import may_write, require_right, storage_faults
 from romgrl.cli.hydra_loader import stored_sweep, sweep_jobs
 from romgrl.errors import ConfigurationError, LaunchError, RomgrlError, StorageError
+from romgrl.provenance.stage_graph import ACTIONS
 from romgrl.provenance.versions import machine
 from romgrl.results.sweep_record import SWEEP_VARIABLE, UNFINISHED, read_sweep, settings, write_sweep
 from romgrl.runtime.cores import available_cores
@@ -37,7 +38,6 @@ from romgrl.tracking.recorder import open_recorder
 
 GROUPS = ("teacher", "student")
 BUDGETS = tuple(f"{group}.total_steps" for group in GROUPS)
-NO_RESULTS = ("sync", "verify", "watch")
 
 
 def check_launcher(config: DictConfig) -> None:
@@ -97,7 +97,7 @@ class SweepCallback(Callback):
     def on_multirun_start(self, config: DictConfig, **kwargs: Any) -> None:
         """Start the parent run."""
         check_launcher(config)
-        trains = config.stage not in NO_RESULTS
+        trains = config.stage not in ACTIONS
         place = Path(str(config.hydra.sweep.dir)).absolute()
         if trains or may_write(place):
             require_right(place, "the tables of the sweep are to be made", key="hydra.sweep.dir")

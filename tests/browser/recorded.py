@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 from romgrl.artifacts import MANIFEST
 from romgrl.config.schema import Config
-from romgrl.provenance import stage_keys
+from romgrl.provenance import stage_graph
 from romgrl.runtime.stage_log import StageLog
 from tests.browser.walkers import write_run
 from tests.report.finished import STAGES
@@ -30,8 +31,8 @@ def main() -> None:
     from romgrl.__main__ import main as romgrl
 
     for name in STAGES:
-        stage = stage_keys.STAGES[name]
-        stage_keys.STAGES[name] = stage_keys.Stage("tests.browser.recorded:run", stage.upstream, stage.depends)
+        stage = stage_graph.STAGES[name]
+        stage_graph.STAGES[name] = replace(stage, function="tests.browser.recorded:run")
     romgrl()
 
 

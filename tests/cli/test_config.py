@@ -196,10 +196,12 @@ def test_reference_page_is_up_to_date() -> None:
 
 
 def test_stages_of_the_schema_are_those_of_the_graph() -> None:
-    from romgrl.provenance import stage_keys
+    from romgrl.provenance import stage_graph
 
-    assert tuple(stage_keys.STAGES) == STAGES + OPTIONAL_STAGES
-    assert not any(set(stage_keys.STAGES[stage].upstream) & set(OPTIONAL_STAGES) for stage in stage_keys.STAGES)
+    assert tuple(stage_graph.STAGES) == STAGES + OPTIONAL_STAGES
+    assert {name for name, stage in stage_graph.STAGES.items() if stage.optional} == set(OPTIONAL_STAGES)
+    assert schema_keys()["stage"].metadata["choices"] == ("all", *stage_graph.STAGES, *stage_graph.ACTIONS)
+    assert not any(set(stage_graph.STAGES[stage].upstream) & set(OPTIONAL_STAGES) for stage in stage_graph.STAGES)
 
 
 @pytest.mark.parametrize(("name", "teacher"), [("walking", "walking"), ("paper", "running"), ("teacher", "running")])

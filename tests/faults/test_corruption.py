@@ -16,7 +16,7 @@ from romgrl.artifacts import open_artifact, setting_aside
 from romgrl.config.schema import Config
 from romgrl.errors import ArtifactError
 from romgrl.pipeline import run as pipeline
-from romgrl.provenance import stage_keys
+from romgrl.provenance import stage_graph
 from tests.conftest import Composer
 from tests.helpers import fake_stages
 from tests.helpers.jobs import trainings
@@ -30,11 +30,11 @@ def pristine(compose_config: Composer, tmp_path_factory: pytest.TempPathFactory)
     outputs = tmp_path_factory.mktemp("pristine")
     config = compose_config("experiment=smoke", "threads=1", "tracking=none", f"paths.outputs={outputs}/real")
     real = pipeline.run(replace(config, stage="reference"), console=Console(file=io.StringIO()))
-    saved = dict(stage_keys.STAGES)
+    saved = dict(stage_graph.STAGES)
     fake_stages.install()
     fake = compose_config("experiment=smoke", "threads=1", "tracking=none", f"paths.outputs={outputs}/fake")
     faked = pipeline.run(fake, console=Console(file=io.StringIO()))
-    stage_keys.STAGES.update(saved)
+    stage_graph.STAGES.update(saved)
     return [*real.values(), *faked.values()]
 
 

@@ -21,7 +21,7 @@ from mlflow.entities import Run
 from sqlalchemy import create_engine, inspect
 
 from romgrl.artifacts import open_artifact
-from romgrl.provenance.stage_keys import STAGES
+from romgrl.provenance.stage_graph import STAGES
 from romgrl.tracking.process import BLOCKED_SECONDS
 from romgrl.tracking.recorder import open_recorder, sync
 from tests.faults.ports import free_port

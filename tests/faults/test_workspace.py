@@ -19,7 +19,7 @@ from romgrl.config.schema import Config
 from romgrl.errors import DivergenceError
 from romgrl.pipeline import job
 from romgrl.pipeline import run as pipeline
-from romgrl.provenance import stage_keys
+from romgrl.provenance import stage_graph
 from romgrl.runtime.stage_log import StageLog
 
 
@@ -43,9 +43,9 @@ def counting(config: Config, inputs: dict[str, Path], output: Path, log: StageLo
 
 @pytest.fixture
 def teacher(smoke_config: Config, monkeypatch: pytest.MonkeyPatch) -> Config:
-    stage = stage_keys.STAGES["teacher"]
-    fake = stage_keys.Stage("tests.faults.test_workspace:counting", stage.upstream, stage.depends)
-    monkeypatch.setitem(stage_keys.STAGES, "teacher", fake)
+    stage = stage_graph.STAGES["teacher"]
+    fake = replace(stage, function="tests.faults.test_workspace:counting")
+    monkeypatch.setitem(stage_graph.STAGES, "teacher", fake)
     return replace(smoke_config, stage="teacher", tracking=replace(smoke_config.tracking, enabled=False))
 
 

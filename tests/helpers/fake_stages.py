@@ -6,6 +6,7 @@ import os
 import sys
 import time
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ from romgrl.artifacts import save_arrays, write_bytes
 from romgrl.config.schema import Config
 from romgrl.errors import DivergenceError
 from romgrl.pipeline import worker
-from romgrl.provenance import stage_keys
+from romgrl.provenance import stage_graph
 from romgrl.runtime.stage_log import StageLog
 from tests.helpers.limits import wait_until
 
@@ -71,8 +72,8 @@ def wait_for(path: Path, lines: int) -> None:
 
 def install() -> None:
     """Put the fake in the place of every stage."""
-    for name, stage in stage_keys.STAGES.items():
-        stage_keys.STAGES[name] = stage_keys.Stage("tests.helpers.fake_stages:run", stage.upstream, stage.depends)
+    for name, stage in stage_graph.STAGES.items():
+        stage_graph.STAGES[name] = replace(stage, function="tests.helpers.fake_stages:run")
 
 
 def do_without_torch() -> None:

@@ -21,8 +21,9 @@ from rich.console import Console
 from romgrl.artifacts import load_tensors, open_artifact
 from romgrl.config.schema import STAGES, Config
 from romgrl.pipeline import run as pipeline
-from romgrl.provenance import stage_keys
-from romgrl.provenance.stage_keys import plan, share_threads, stage_key
+from romgrl.provenance import stage_graph
+from romgrl.provenance.stage_graph import plan, share_threads
+from romgrl.provenance.stage_keys import stage_key
 from romgrl.runtime import signals
 from romgrl.tracking.sending.store import PARENT_TAG
 from tests.conftest import Composer
@@ -243,8 +244,8 @@ def test_a_stage_makes_the_same_bits_beside_another(
 ) -> None:
     """The real teacher and baseline with one thread each, in turn and side by side."""
     for stage in ("reference", "student", "evaluation", "report"):
-        fake = replace(stage_keys.STAGES[stage], function="tests.helpers.fake_stages:run")
-        monkeypatch.setitem(stage_keys.STAGES, stage, fake)
+        fake = replace(stage_graph.STAGES[stage], function="tests.helpers.fake_stages:run")
+        monkeypatch.setitem(stage_graph.STAGES, stage, fake)
     policies = []
     for override, parallel in (("threads=1", False), ("threads=2", True)):
         config = compose_config("experiment=smoke", override, "tracking=none", f"paths.outputs={tmp_path}/{parallel}")

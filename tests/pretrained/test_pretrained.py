@@ -17,7 +17,7 @@ from romgrl.config.schema import Config
 from romgrl.errors import ArtifactError, ConfigurationError
 from romgrl.pipeline import run as pipeline
 from romgrl.pretrained.__main__ import main, write
-from romgrl.provenance import shipped, stage_keys
+from romgrl.provenance import shipped, stage_graph
 from romgrl.provenance.shipped import GROUPS, require_shipped
 from romgrl.provenance.stage_keys import stage_function, stage_settings
 from romgrl.report.tables import gait_number
@@ -38,10 +38,10 @@ PACKAGE = shipped.PLACE
 @pytest.fixture(scope="module")
 def outputs(compose_config: Composer, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """An evaluation of walkers that have learned nothing, and all that it needs."""
-    found, saved = tmp_path_factory.mktemp("outputs"), dict(stage_keys.STAGES)
+    found, saved = tmp_path_factory.mktemp("outputs"), dict(stage_graph.STAGES)
     untrained.replace_trainings()
     pipeline.run(compose_config(*SMALL, f"paths.outputs={found}"))
-    stage_keys.STAGES.update(saved)
+    stage_graph.STAGES.update(saved)
     return found
 
 
@@ -66,10 +66,10 @@ def shipped(place: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Pat
 @pytest.fixture
 def no_training() -> Iterator[None]:
     """A training fails the test."""
-    saved = dict(stage_keys.STAGES)
+    saved = dict(stage_graph.STAGES)
     untrained.replace_trainings("never")
     yield
-    stage_keys.STAGES.update(saved)
+    stage_graph.STAGES.update(saved)
 
 
 @pytest.fixture

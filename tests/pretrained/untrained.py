@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 
 from romgrl.algorithms.ppo import save_policy
 from romgrl.artifacts import Manifest, write_manifest
 from romgrl.config.schema import Config
 from romgrl.humanoid.model import configured, fingerprint
-from romgrl.provenance import stage_keys
+from romgrl.provenance import stage_graph
 from romgrl.provenance.shipped import GROUPS
 from romgrl.provenance.stage_keys import stage_settings
 from romgrl.runtime.stage_log import StageLog
@@ -40,8 +41,8 @@ def never(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLo
 def replace_trainings(function: str = "") -> None:
     """Put these functions, or one of them for all, in the place of the trainings."""
     for name in GROUPS:
-        stage = stage_keys.STAGES[name]
-        stage_keys.STAGES[name] = stage_keys.Stage(f"{__name__}:{function or name}", stage.upstream, stage.depends)
+        stage = stage_graph.STAGES[name]
+        stage_graph.STAGES[name] = replace(stage, function=f"{__name__}:{function or name}")
 
 
 def write_shipped(place: Path, config: Config) -> Path:

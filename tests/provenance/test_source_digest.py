@@ -11,7 +11,8 @@ from romgrl.config.schema import Config
 from romgrl.config.values import schema_keys, value_of
 from romgrl.humanoid.own_body import human_spec
 from romgrl.provenance import shipped, source_digest, stage_keys
-from romgrl.provenance.stage_keys import LABELS, STAGES, stage_key
+from romgrl.provenance.stage_graph import STAGES
+from romgrl.provenance.stage_keys import LABELS, stage_key
 from tests.cli.test_config import with_value
 from tests.conftest import Composer
 from tests.pretrained.untrained import write_shipped
@@ -74,7 +75,7 @@ def copied(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def code(stage: str, root: Path) -> dict[str, Path]:
     """The files of a stage in a copy."""
-    function, drawing = STAGES[stage].function, stage in stage_keys.DRAWN
+    function, drawing = STAGES[stage].function, STAGES[stage].drawn
     return source_digest.stage_files(function, drawing=drawing, package=root / "romgrl", core=root / "cpp")
 
 
@@ -109,6 +110,7 @@ EDITED = {
     "artifacts/checkpoint.py": ROM_LEARNED | TRAINED,
     "artifacts/locks.py": set(),
     "provenance/stage_keys.py": set(),
+    "provenance/stage_graph.py": set(),
     "tracking/recorder.py": set(),
     "tracking/sending/store.py": set(),
     "rom/vector_env.py": ROM_LEARNED | {"report", "robustness"},

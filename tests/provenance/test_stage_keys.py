@@ -13,7 +13,8 @@ from romgrl.config.schema import Config
 from romgrl.errors import ArtifactError
 from romgrl.humanoid.digest import stable
 from romgrl.humanoid.own_body import human_spec
-from romgrl.provenance.stage_keys import STAGES, body_digests, require_same_body, stage_key
+from romgrl.provenance.stage_graph import STAGES
+from romgrl.provenance.stage_keys import body_digests, require_same_body, stage_key
 from tests.conftest import Composer
 
 ALL = set(STAGES)

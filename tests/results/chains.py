@@ -12,7 +12,8 @@ import pandas as pd
 from romgrl.artifacts import Manifest, write_manifest
 from romgrl.config.schema import Config
 from romgrl.gait.features import CHANNELS
-from romgrl.provenance.stage_keys import STAGES, stage_key, stage_settings
+from romgrl.provenance.stage_graph import STAGES
+from romgrl.provenance.stage_keys import stage_key, stage_settings
 from romgrl.results.evaluation_index import LINEAGE
 
 GAIT = {

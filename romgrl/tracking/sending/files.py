@@ -9,14 +9,16 @@ from typing import TYPE_CHECKING
 
 import pandas as pd
 
-from romgrl.report.terminal_tables import LABELS
+from romgrl.provenance.stage_graph import STAGES
 from romgrl.tracking.sending.failures import FAILURES, FilesError, RefusedError, first_line, of_files, why_no_files
 
 if TYPE_CHECKING:
     from romgrl.tracking.sending.store import Store
 
 TABLES = "tables"  # the folder of a run that has them
-TABULATED = {f"{name}.csv" for name in ("mse", "distances", "gait", "robustness", "floquet", "jobs", "cells")}
+TABULATED = {"jobs.csv": (), "cells.csv": ()} | {
+    name: columns for stage in STAGES.values() for name, columns in stage.tables.items()
+}  # CSV files that are shown, with the columns that name a row
 STUDENT = "student"
 FILES_TAG = "romgrl.files_missing"  # where the files of a run are that could not be stored with it
 
@@ -88,7 +90,7 @@ def send_table(store: Store, run_id: str, file: Path) -> None:
         rows = pd.read_csv(file)
     except ValueError as error:
         raise RefusedError(f"{file}: {first_line(error)}") from error
-    store.request("log_table", run_id, readable(rows, LABELS.get(file.name, ())), name)
+    store.request("log_table", run_id, readable(rows, TABULATED[file.name]), name)
 
 
 def readable(rows: pd.DataFrame, labels: Sequence[str]) -> pd.DataFrame:

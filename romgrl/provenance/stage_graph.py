@@ -1,0 +1,142 @@
+"""What stages there are: one record for each, read by the pipeline, the keys, the help and the store of MLflow."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from romgrl.runtime.functions import load_function
+
+KNOBS = {"speed": "v", "eta": "eta", "noise": "noise", "seed": "s"}
+WALKING_KNOBS = {"speed": "v", "seed": "s"}
+TEACHING_KNOBS = {"teacher.speed": "v", "seed": "s"}
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A stage: what it is, how it is made and what others make of it.
+
+    `doc`: a line of the help. `function`: module:function that makes its artifact. `upstream`: the stages it reads.
+    `depends`: keys and groups of the configuration that change what it makes. `knobs`: keys in the title of its run, by
+    their labels. `tables`: its CSV files that MLflow shows, with the columns that name a row. `metrics`, `printed`:
+    module:function from its directory to numbers of a run, and to what ends a job on the terminal. `drawn`: it makes
+    pictures. `optional`: it is made only where it is asked for by name; no stage reads it.
+    """
+
+    doc: str
+    function: str
+    upstream: tuple[str, ...]
+    depends: tuple[str, ...]
+    knobs: Mapping[str, str] = field(default_factory=lambda: KNOBS)
+    tables: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    metrics: str | None = None
+    printed: str | None = None
+    drawn: bool = False
+    optional: bool = False
+
+    def numbers(self, directory: Path) -> dict[str, float]:
+        """The numbers of a run whose artifact lies in a directory."""
+        return {} if self.metrics is None else load_function(self.metrics)(directory)
+
+    def shown(self, directory: Path) -> list[Any]:
+        """What ends a job on the terminal, for rich to print."""
+        return [] if self.printed is None else load_function(self.printed)(directory)
+
+
+BODY = ("humanoid.xml", "humanoid.height", "humanoid.mass", "humanoid.control_frequency")
+STAGES: dict[str, Stage] = {
+    "teacher": Stage(
+        "PPO learns a gait on the reduced-order model",
+        "romgrl.stages.teacher:run",
+        (),
+        ("rom", "teacher", *BODY, "seed", "device"),
+        knobs=TEACHING_KNOBS,
+        tables={"gait.csv": ("walker",)},
+    ),
+    "reference": Stage(
+        "the paths of its feet and body",
+        "romgrl.stages.reference:run",
+        ("teacher",),
+        ("rom", "teacher", *BODY, "reference", "seed"),
+        knobs=TEACHING_KNOBS,
+    ),
+    "student": Stage(
+        "SAC and the discriminator on the humanoid",
+        "romgrl.stages.student:run",
+        ("reference",),
+        ("student", "discriminator", "humanoid", "teacher.speed", "speed", "eta", "noise", "seed", "device"),
+    ),
+    "baseline": Stage(
+        "SAC alone",
+        "romgrl.stages.student:run",
+        (),
+        ("student", "humanoid", "speed", "seed", "device"),
+        knobs=WALKING_KNOBS,
+    ),
+    "evaluation": Stage(
+        "student and baseline scored against the reference",
+        "romgrl.stages.evaluation:run",
+        ("reference", "student", "baseline"),
+        ("evaluation", "humanoid", "student.alpha", "teacher.speed", "speed", "seed"),
+        tables={"mse.csv": ("channel", "alignment"), "distances.csv": ("distance", "channel"), "gait.csv": ("walker",)},
+        metrics="romgrl.report.terminal_tables:result_metrics",
+        printed="romgrl.report.terminal_tables:result_tables",
+    ),
+    "report": Stage(
+        "page, tables, figures and films",
+        "romgrl.stages.report:run",
+        ("teacher", "reference", "student", "baseline", "evaluation"),
+        ("rom", "teacher", "evaluation", "humanoid", "student.alpha", "speed", "eta", "noise", "seed"),
+        drawn=True,
+    ),
+    "robustness": Stage(
+        "fall rates under pushes, noise, other masses and grounds",
+        "romgrl.stages.robustness:run",
+        ("teacher", "student", "baseline"),
+        ("robustness", "rom", "teacher", "humanoid", "student.alpha", "speed", "seed"),
+        tables={"robustness.csv": (), "floquet.csv": ()},
+        metrics="romgrl.report.terminal_tables:robustness_metrics",
+        drawn=True,
+        optional=True,
+    ),
+}
+ACTIONS = {
+    "watch": "see a walker, trained or in training",
+    "verify": "compare what is finished with the paper",
+    "sync": "bring MLflow what earlier jobs could not",
+}  # other values of `stage`, which make no artifact
+
+
+def wanted(stage: str) -> list[str]:
+    """The stages that a value of `stage` asks for."""
+    return [name for name, each in STAGES.items() if not each.optional] if stage == "all" else [stage]
+
+
+def plan(targets: Iterable[str], present: Callable[[str], bool]) -> list[str]:
+    """The targets and, for each that is not there, what it needs; upstream first."""
+    needed = set(targets)
+    for stage in reversed(STAGES):
+        if stage in needed and not present(stage):
+            needed |= set(STAGES[stage].upstream)
+    return [stage for stage in STAGES if stage in needed]
+
+
+def share_threads(stages: Collection[str], threads: int) -> dict[str, int]:
+    """Threads of each stage that is to be made: half of all where another does not need it, nor it the other.
+
+    Decided before the first stage starts, so that no result depends on how long another stage takes.
+    """
+    ahead = {stage: upstream_of(stage) for stage in stages}
+
+    def beside(stage: str) -> bool:
+        return any(one != stage and one not in ahead[stage] and stage not in ahead[one] for one in stages)
+
+    return {stage: max(1, threads // 2) if beside(stage) else threads for stage in stages}
+
+
+def upstream_of(stage: str) -> set[str]:
+    """Every stage that a stage needs, directly or through others."""
+    direct = STAGES[stage].upstream
+    return set(direct).union(*(upstream_of(name) for name in direct))
