@@ -276,7 +276,7 @@ class Config:
     stage: str = key(
         "last stage to run, with what it needs; watch: see a walker, trained or in training; sync: bring MLflow what "
         "earlier jobs could not; verify: compare what is finished with the paper",
-        choices=("all", *STAGES, *OPTIONAL_STAGES, "watch", "verify", "sync"),
+        choices=("all", *STAGES, *OPTIONAL_STAGES, "watch", "sync", "verify"),
     )
     speed: float = key("target speed of student and baseline", unit="m/s", low=0, high=10)
     eta: float = key("weight of the task reward; 1 - eta weighs imitation", low=0, high=1)

@@ -104,8 +104,8 @@ STAGES: dict[str, Stage] = {
 }
 ACTIONS = {
     "watch": "see a walker, trained or in training",
-    "verify": "compare what is finished with the paper",
     "sync": "bring MLflow what earlier jobs could not",
+    "verify": "compare what is finished with the paper",
 }  # other values of `stage`, which make no artifact
 
 
