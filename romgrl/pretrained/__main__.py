@@ -1,13 +1,10 @@
-"""python -m romgrl.pretrained OUTPUTS [key=value ...]: ship the walkers of the newest evaluation that fits the preset.
-
-Takes teacher, student and baseline under OUTPUTS that were trained with the settings of `student=pretrained`, key=value
-in their place, and writes them and their model card into the package.
-"""
+"""python -m romgrl.pretrained: ship the walkers of the newest evaluation that fits `student=pretrained`."""
 
 from __future__ import annotations
 
 import shutil
 import sys
+from argparse import ArgumentParser
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -88,12 +85,16 @@ def main(arguments: Sequence[str]) -> int:
     """Ship and say what was written; the exit code of the failure otherwise."""
     protect()
     settle()
-    if not arguments or "=" in arguments[0]:
-        print(__doc__, file=sys.stderr)
-        return 2
+    what = "Put teacher, student and baseline of the newest evaluation that fits into the package, with a model card."
+    parser = ArgumentParser("python -m romgrl.pretrained", description=what)
+    parser.add_argument("outputs", help="the directory of results, as in paths.outputs")
+    parser.add_argument("settings", nargs="*", metavar="key=value", help="in the place of those of student=pretrained")
+    chosen = parser.parse_args(arguments)
+    if "=" in chosen.outputs:
+        parser.error(f"{chosen.outputs}: the directory of results comes first")
     try:
-        config = trained(compose_config("student=pretrained", *arguments[1:]))
-        written = ship(Path(arguments[0]).expanduser().resolve(), config)
+        config = trained(compose_config("student=pretrained", *chosen.settings))
+        written = ship(Path(chosen.outputs).expanduser().resolve(), config)
     except COMPOSITION_ERRORS as error:
         print(first_line(error), file=sys.stderr)
         return ConfigurationError.exit_code

@@ -1,12 +1,9 @@
-"""python -m romgrl.results OUTPUTS DOCS [README]: write DOCS/results.md and DOCS/results/ from the sweeps in OUTPUTS.
-
-With README, the table of the paper's sweep replaces what stands there between `<!-- results -->` and
-`<!-- end of results -->`.
-"""
+"""python -m romgrl.results: write docs/results.md and the README's table from sweeps."""
 
 from __future__ import annotations
 
 import sys
+from argparse import ArgumentParser
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -15,21 +12,28 @@ from romgrl.runtime.display import protect
 from romgrl.runtime.surroundings import settle
 
 
+def directory(text: str) -> Path:
+    """The directory that a user means."""
+    return Path(text).expanduser().resolve()
+
+
 def main(arguments: Sequence[str]) -> int:
     """Write the documents and say what was written; the exit code of the failure otherwise."""
     protect()
-    if len(arguments) not in (2, 3):
-        print(__doc__, file=sys.stderr)
-        return 2
+    parser = ArgumentParser("python -m romgrl.results", description="Write documents from the sweeps of a directory.")
+    parser.add_argument("outputs", type=directory, help="the directory of results, as in paths.outputs")
+    parser.add_argument("docs", type=Path, help="where results.md goes, and results/ with the tables and figures")
+    readme = "a file: the table of the paper's sweep goes between its <!-- results --> and <!-- end of results -->"
+    parser.add_argument("readme", type=Path, nargs="?", help=readme)
+    chosen = parser.parse_args(arguments)
     settle()  # before Matplotlib is imported
     from romgrl.results.readme_table import write_readme
     from romgrl.results.results_document import write_document
 
-    outputs = Path(arguments[0]).expanduser().resolve()
     try:
-        written = write_document(outputs, Path(arguments[1]))
-        if len(arguments) == 3:
-            write_readme(outputs, Path(arguments[2]))
+        written = write_document(chosen.outputs, chosen.docs)
+        if chosen.readme is not None:
+            write_readme(chosen.outputs, chosen.readme)
     except (RomgrlError, OSError) as error:
         print(error, file=sys.stderr)
         return getattr(error, "exit_code", 5)

@@ -225,7 +225,11 @@ def test_the_command_says_why_nothing_fits(outputs: Path, shipped: Path, capsys:
     assert main([str(outputs), "experiment=smok"]) == 2
     assert main([str(outputs), "speed=fast"]) == 2
     assert "speed: fast is not allowed" in capsys.readouterr().err
-    assert main([]) == 2
+    for arguments, code in (([], 2), (["--help"], 0)):
+        with pytest.raises(SystemExit) as ended:
+            main(arguments)
+        assert ended.value.code == code
+    assert "the directory of results" in capsys.readouterr().out
     assert (shipped / "MODEL_CARD.md").is_file()
 
 

@@ -96,7 +96,11 @@ def test_nothing_to_write_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixt
     assert main([str(tmp_path), str(tmp_path / "docs")]) == 3
     assert "holds no sweep; python -m romgrl --config-dir sweeps" in capsys.readouterr().err
     assert not (tmp_path / "docs").exists()
-    assert main([]) == 2
+    for arguments, code in (([], 2), (["--help"], 0)):
+        with pytest.raises(SystemExit) as ended:
+            main(arguments)
+        assert ended.value.code == code
+    assert "the directory of results" in capsys.readouterr().out
 
 
 def test_a_command_is_shown_without_its_machine() -> None:
