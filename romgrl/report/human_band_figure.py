@@ -7,15 +7,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from romgrl.gait import human_bands
+from romgrl.gait.measures import MEASURES
+from romgrl.report.numbers import measured
 from romgrl.report.style import COLORS, INK, dress, new_figure
-from romgrl.report.tables import with_unit
 
-PANELS = (
-    ("stride_frequency_hz", "stride frequency [1/s]"),
-    ("stride_length_m", "stride length [m]"),
-    ("duty_factor", "duty factor"),
-    ("pelvis_excursion_m", "pelvis excursion [m]"),
-)
+PANELS = ("stride_frequency_hz", "stride_length_m", "duty_factor", "pelvis_excursion_m")
 HUMAN = "#dcdcdc"
 
 
@@ -27,13 +23,13 @@ def gait_bands(gaits: pd.DataFrame, speed: float) -> Figure:
     numbers = [{**row, "stride_length_m": human_bands.stride_length(row)} for row in rows]
     walkers = [str(walker) for walker in gaits["walker"]]
     figure = new_figure(10.0, 3.2)
-    for axes, (measure, label) in zip(figure.subplots(1, len(PANELS)), PANELS, strict=True):
-        dress(axes, title=label)
+    for axes, measure in zip(figure.subplots(1, len(PANELS)), PANELS, strict=True):
+        dress(axes, title=MEASURES[measure].title)
         axes.grid(False, axis="x")
         if measure in bands:
             band = bands[measure]
             axes.axhspan(band.low, band.high, color=HUMAN, zorder=0)
-        _dots(axes, {walker: row[measure] for walker, row in zip(walkers, numbers, strict=True)})
+        _dots(axes, measure, {walker: row[measure] for walker, row in zip(walkers, numbers, strict=True)})
     known = "grey: human adults" if bands else "no human data at this speed"
     figure.suptitle(f"Gait at {speed:g} m/s ({known})", fontsize=12, x=0.01, ha="left", color=INK)
     return figure
@@ -41,15 +37,17 @@ def gait_bands(gaits: pd.DataFrame, speed: float) -> Figure:
 
 def human_table(speed: float) -> pd.DataFrame:
     """The human bands at a speed with their sources, for reading; no row where nothing is known."""
-    rows = [(with_unit(band.measure), band.low, band.high, band.source) for band in human_bands.bands(speed).values()]
+    bands = human_bands.bands(speed)
+    rows = [(MEASURES[name].title, band.low, band.high, band.source) for name, band in bands.items()]
     return pd.DataFrame(rows, columns=["measure", "low", "high", "source"])
 
 
-def _dots(axes: Axes, values: dict[str, float]) -> None:
+def _dots(axes: Axes, measure: str, values: dict[str, float]) -> None:
     """A dot with its number for each walker; a walker without a number keeps its place."""
     for place, (walker, value) in enumerate(values.items()):
         axes.plot([place], [value], "o", color=COLORS[walker], markersize=8)
-        axes.annotate(f"{value:.3g}", (place, value), (0, 8), textcoords="offset points", ha="center", fontsize=8)
+        place_of_text = {"xytext": (0, 8), "textcoords": "offset points", "ha": "center"}
+        axes.annotate(measured(measure, value), (place, value), fontsize=8, **place_of_text)
     axes.set_xticks(range(len(values)), list(values))
     axes.set_xlim(-0.6, len(values) - 0.4)
     axes.margins(y=0.25)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import pandas as pd
 
+from romgrl.gait.measures import MEANINGS
 from romgrl.report.human_band_figure import human_table
 from romgrl.report.tables import definitions, distance_table, error_table, gait_table, markdown
 
@@ -24,19 +25,7 @@ NUMBERS = {
     "dtw": "what dynamic time warping within 10 % of the window leaves of the aligned windows, one warping for all "
     "channels: mean distance along it, all channels together in standard deviations of the teacher",
     "reduction": "100 (1 - student / baseline); the average is the mean of the five reductions, as in the paper",
-    "falls": "episodes that ended before {steps} steps by a fall; what follows a fall counts nowhere",
-    "mean speed": "over all steps from the reset, which starts slower than the target, and so its error; steady speed "
-    "and all numbers of the gait: from 2 s on",
-    "stride frequency": "forward swings of each foot per second, median over episodes",
-    "duty factor": "share of a stride that a foot touches the ground, from the contacts; below 0.5 it is a run",
-    "left right correlation": "Pearson correlation of both feet's x: -1 alternates, +1 hops",
-    "left right symmetry": "Lin's concordance of left foot x with right foot x at the best time shift: 1 is symmetric",
-    "touchdown phase": "of the right foot within the left foot's stride: 0.5 alternates",
-    "pelvis excursion": "highest minus lowest pelvis within a stride",
-    "trunk lean": "of the line from pelvis to neck against the vertical, forward positive",
-    "cost of transport": "sum over joints of |torque x angular velocity| / (m g v)",
-    "phase lag": "time shift of each foot's x that is left after the common alignment, mean of its absolute value; "
-    "says little where the stride frequencies differ",
+    **MEANINGS,
 }
 
 

@@ -2,24 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 
 import pandas as pd
 
+from romgrl.gait.measures import MEASURES
+from romgrl.report.numbers import fixed, measured, significant
 from romgrl.report.style import CHANNEL_LABELS
 
-UNITS = {
-    "m_per_s": "m/s",
-    "percent": "%",
-    "hz": "Hz",
-    "m": "m",
-    "s": "s",
-    "deg": "deg",
-    "strides": "strides",
-}
-DECIMALS = {"m_per_s": 2, "percent": 1, "hz": 2, "deg": 1}  # of the numbers of a gait; 3 of all others
-COUNTS = ("episodes", "falls")
 ERROR_DECIMALS = 5  # m²
 DISTANCE_DECIMALS = 4
 
@@ -38,7 +28,7 @@ def markdown(table: pd.DataFrame) -> str:
 def cell(value: object) -> str:
     """A number to four significant digits, a dash for what is not known, text as it is."""
     if isinstance(value, float):
-        return f"{value:.4g}" if math.isfinite(value) else "-"
+        return significant(value, 4)
     return str(value).replace("|", "\\|")
 
 
@@ -49,17 +39,6 @@ def is_number(value: object) -> bool:
     except ValueError:
         return False
     return True
-
-
-def fixed(value: float, decimals: int) -> str:
-    """A number with so many decimals, so that a column of them can be compared; a dash for what is not known."""
-    return f"{value:,.{decimals}f}" if math.isfinite(value) else "-"
-
-
-def gait_number(name: str, value: float) -> str:
-    """A number of the gait with the decimals of its unit."""
-    unit = next((suffix for suffix in UNITS if name.endswith(f"_{suffix}")), "")
-    return fixed(value, 0 if name in COUNTS else DECIMALS.get(unit, 3))
 
 
 def error_table(errors: pd.DataFrame) -> pd.DataFrame:
@@ -89,17 +68,9 @@ def gait_table(gaits: pd.DataFrame) -> pd.DataFrame:
     """gait.csv for reading: one row per number, one column per walker, units in brackets."""
     table = gaits.set_index("walker").T.astype(object)
     for name in table.index:
-        table.loc[name] = [gait_number(str(name), float(value)) for value in table.loc[name]]
-    table.insert(0, "", [with_unit(str(name)) for name in table.index])
+        table.loc[name] = [measured(str(name), float(value)) for value in table.loc[name]]
+    table.insert(0, "", [MEASURES[str(name)].title for name in table.index])
     return table.reset_index(drop=True).rename_axis(None, axis=1)
-
-
-def with_unit(column: str) -> str:
-    """`mean_speed_m_per_s` as `mean speed [m/s]`."""
-    for suffix, unit in UNITS.items():
-        if column.endswith(f"_{suffix}"):
-            return f"{column.removesuffix(f'_{suffix}').replace('_', ' ')} [{unit}]"
-    return column.replace("_", " ")
 
 
 def definitions(rows: Mapping[str, str]) -> str:

@@ -10,7 +10,9 @@ from pathlib import Path
 from rich.table import Table
 
 from romgrl.gait.features import CHANNELS
+from romgrl.gait.measures import MEASURES
 from romgrl.provenance.stage_graph import STAGES
+from romgrl.report.numbers import UNKNOWN, measured, significant
 
 Rows = list[dict[str, str]]
 ALIGNMENTS = ("aligned", "raw")
@@ -143,7 +145,7 @@ def gait_table(rows: Rows) -> Table:
         table.add_column(row["walker"], justify="right")
     for column in rows[0]:
         if column != "walker":
-            table.add_row(column, *(short(row[column]) for row in rows))
+            table.add_row(MEASURES[column].title, *(measured(column, number(row[column])) for row in rows))
     return table
 
 
@@ -158,4 +160,4 @@ def number(cell: str) -> float:
 def short(cell: str) -> str:
     """A number to three significant digits; a dash for none."""
     value = number(cell)
-    return f"{value:.3g}" if math.isfinite(value) else cell or "-"
+    return significant(value) if math.isfinite(value) else cell or UNKNOWN

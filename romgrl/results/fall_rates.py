@@ -9,7 +9,8 @@ from statistics import fmean
 import pandas as pd
 
 from romgrl.artifacts import read_manifest
-from romgrl.report.tables import fixed, markdown
+from romgrl.report.numbers import fixed
+from romgrl.report.tables import markdown
 from romgrl.report.terminal_tables import GROWING
 from romgrl.results.sweep_cells import JobResult, located
 

@@ -9,8 +9,9 @@ import pandas as pd
 
 from romgrl.errors import ArtifactError
 from romgrl.gait.features import CHANNELS
+from romgrl.report.numbers import fixed
 from romgrl.report.style import CHANNEL_LABELS
-from romgrl.report.tables import fixed, markdown
+from romgrl.report.tables import markdown
 from romgrl.results.results_document import CLAIMED, merged
 from romgrl.results.sweep_cells import JobResult, results
 from romgrl.results.sweep_record import sweeps

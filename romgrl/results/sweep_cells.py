@@ -14,6 +14,7 @@ import pandas as pd
 from romgrl.artifacts import Manifest
 from romgrl.errors import ArtifactError
 from romgrl.gait.features import CHANNELS
+from romgrl.gait.measures import SWEPT
 from romgrl.report.terminal_tables import result_metrics, robustness_metrics, with_falls
 from romgrl.results.evaluation_index import TEACHER, Catalogue, Evaluation, catalogue, read_evaluation
 from romgrl.results.statistics import improvement_interval, probability_of_improvement, summarize
@@ -23,24 +24,12 @@ SEED = "seed"
 ERRORS = [f"{channel}/aligned" for channel in (*CHANNELS, "average")] + ["average/raw"]
 BASELINE = "average/aligned/baseline"  # missing where too many of the baseline's episodes fell
 DISTANCES = ["mmd/all", "wasserstein/all", "dtw/all"]
-GAITS = (
-    "falls_percent",
-    "mean_speed_m_per_s",
-    "steady_speed_m_per_s",
-    "speed_error_percent",
-    "stride_frequency_hz",
-    "duty_factor",
-    "left_right_symmetry",
-    "pelvis_excursion_m",
-    "trunk_lean_deg",
-    "cost_of_transport",
-)
 WALKERS = ("student", "baseline", "teacher", TEACHER)
 MEASURES = [
     *(f"{name}/reduction_percent" for name in ERRORS),
     "weakest/aligned/reduction_percent",
     *(f"{name}/{walker}" for name in [*ERRORS, *DISTANCES] for walker in WALKERS[:2]),
-    *(f"{walker}/{name}" for walker in WALKERS for name in GAITS),
+    *(f"{walker}/{name}" for walker in WALKERS for name in SWEPT),
     "student/stride_frequency_deviation_percent",
 ]
 

@@ -9,12 +9,12 @@ from pathlib import Path
 import pandas as pd
 
 from romgrl.artifacts import MANIFEST, Manifest
+from romgrl.report.numbers import significant
 from romgrl.report.tables import markdown
 from romgrl.report.terminal_tables import run_link
 from romgrl.results.evaluation_index import LINEAGE
 from romgrl.results.sweep_cells import SEED, JobResult
 from romgrl.results.sweep_record import Sweep
-from romgrl.results.verify import short
 
 BEST = 5
 REDUCTION, ERROR = "average/aligned/reduction_percent", "average/aligned/student"
@@ -36,7 +36,7 @@ def best_jobs(found: Sequence[JobResult]) -> list[str]:
     rows = []
     for each in ranked[:BEST]:
         manifest = each.evaluation.manifest if each.evaluation else None
-        numbers = {label: short(each.numbers.get(name, math.nan)) for name, label in SHOWN.items()}
+        numbers = {label: significant(each.numbers.get(name, math.nan)) for name, label in SHOWN.items()}
         seed = {} if manifest is None or SEED in each.swept else {SEED: manifest.seed}
         run = run_link(manifest.key, manifest.run_id) if manifest else ""
         rows.append({**each.swept, **seed, **numbers, "evaluation": run})

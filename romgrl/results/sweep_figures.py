@@ -12,6 +12,8 @@ from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from romgrl.gait.measures import MEASURES
+from romgrl.report.numbers import significant
 from romgrl.report.style import BASELINE, INK, STUDENT, TEACHER, dress, new_figure
 from romgrl.results.sweep_cells import SEED, of_students
 
@@ -154,6 +156,12 @@ def draw(
         axes.plot(dots, seeds[measure].to_numpy(float), "o", color=color, markersize=3.2, alpha=0.45, linewidth=0)
 
 
+def lower_is_better(number: str) -> bool:
+    """Tell whether the smaller of two values of a number such as `student/falls_percent` is the better one."""
+    name = number.rpartition("/")[2]
+    return name in ("student", "baseline") or (name in MEASURES and MEASURES[name].better == "lower")
+
+
 def heat_maps(keys: tuple[str, str], cells: pd.DataFrame, maps: Keys, title: str) -> Figure:
     """Means over seeds, and over what else varies, against two keys; empty where no job has the number."""
     figure = new_figure(11.0, 3.9)
@@ -164,12 +172,13 @@ def heat_maps(keys: tuple[str, str], cells: pd.DataFrame, maps: Keys, title: str
         for row, column, mean in zip(found[keys[0]], found[keys[1]], found["mean"], strict=True):
             grid[rows.index(row), columns.index(column)] = mean
         axes.set_title(measure, fontsize=9, color=INK, loc="left")
-        image = axes.imshow(grid, aspect="auto", cmap="viridis")
+        falling = lower_is_better(measure)  # bright is good
+        image = axes.imshow(grid, aspect="auto", cmap="viridis_r" if falling else "viridis")
         for (row, column), mean in np.ndenumerate(grid):
             if math.isfinite(mean):
                 middle = (np.nanmin(grid) + np.nanmax(grid)) / 2
-                color = "white" if mean < middle else "black"
-                axes.text(column, row, f"{mean:.3g}", ha="center", va="center", fontsize=8, color=color)
+                color = "white" if (mean < middle) != falling else "black"
+                axes.text(column, row, significant(mean), ha="center", va="center", fontsize=8, color=color)
         axes.set_xticks(range(len(columns)), columns, fontsize=8)
         axes.set_yticks(range(len(rows)), rows, fontsize=8)
         axes.set_xlabel(keys[1], fontsize=9, color=INK)

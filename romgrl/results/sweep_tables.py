@@ -8,6 +8,7 @@ from typing import Any
 
 import pandas as pd
 
+from romgrl.report.numbers import significant
 from romgrl.report.tables import markdown
 from romgrl.results.fall_rates import write_disturbances
 from romgrl.results.sweep_cells import SEED, JobResult, cells_table, jobs_table, of_students, results
@@ -91,7 +92,8 @@ def written(row: Any, of: str = "mean") -> str:
     low, high = ("low", "high") if of == "mean" else (f"{of}_low", f"{of}_high")
     if of not in row or not math.isfinite(row[of]):
         return "-"
-    return f"{row[of]:.3g}" + (f" [{row[low]:.3g}, {row[high]:.3g}]" if math.isfinite(row[low]) else "")
+    interval = f" [{significant(row[low])}, {significant(row[high])}]" if math.isfinite(row[low]) else ""
+    return significant(row[of]) + interval
 
 
 def failures(found: list[JobResult]) -> list[str]:

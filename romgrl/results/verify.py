@@ -12,6 +12,7 @@ from romgrl.config.schema import Config
 from romgrl.errors import ArtifactError
 from romgrl.gait.features import CHANNELS
 from romgrl.provenance.shipped import is_pretrained
+from romgrl.report.numbers import significant
 from romgrl.report.terminal_tables import ALIGNMENTS
 from romgrl.results.claims import (
     ENOUGH_SEEDS,
@@ -107,8 +108,8 @@ def errors_sheet(evaluations: Sequence[Evaluation]) -> Sheet:
             ours, theirs = -known(student), -known(baseline)
             row = (
                 f"{channel}, {alignment}",
-                short(summarize(baseline).mean),
-                short(summarize(student).mean),
+                significant(summarize(baseline).mean),
+                significant(summarize(student).mean),
                 with_interval(reduction.mean, reduction.mean_interval),
                 with_interval(reduction.iqm, reduction.iqm_interval),
                 with_interval(probability_of_improvement(ours, theirs), improvement_interval(ours, theirs)),
@@ -124,7 +125,7 @@ def baseline_sheet(evaluations: Sequence[Evaluation]) -> Sheet:
     for channel in (*CHANNELS, "average"):
         summary = summarize(column(evaluations, f"{channel}/aligned/baseline"))
         numbers = (summary.mean, summary.deviation, summary.variation, summary.smallest, summary.largest)
-        rows.append((channel, *map(short, numbers)))
+        rows.append((channel, *map(significant, numbers)))
     columns = ("channel", "mean", "deviation", "variation", "smallest", "largest")
     return Sheet("Baseline's aligned error over seeds (m²)", columns, rows, ("channel",))
 
@@ -159,10 +160,5 @@ def counted(number: int, noun: str) -> str:
 
 def with_interval(estimate: float, ends: Interval) -> str:
     """`66.1 [60.2, 71.3]`; without brackets where there is no interval."""
-    text = short(estimate)
-    return text if math.isnan(ends.low) else f"{text} [{short(ends.low)}, {short(ends.high)}]"
-
-
-def short(value: float) -> str:
-    """Three significant digits; a dash for no number."""
-    return "-" if math.isnan(value) else f"{value:.3g}"
+    text = significant(estimate)
+    return text if math.isnan(ends.low) else f"{text} [{significant(ends.low)}, {significant(ends.high)}]"

@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
 
-from romgrl.gait import metrics
+from romgrl.gait import human_bands, metrics
 from romgrl.gait.features import Gait
+from romgrl.gait.measures import MEASURES
 from tests.gait.synthetic import DT, run
 
 
@@ -147,3 +148,13 @@ def test_episodes_that_fall_early_are_described_whole() -> None:
     np.testing.assert_array_equal(metrics.steady_steps(valid, DT), valid)
     valid[0] = True
     assert metrics.steady_steps(valid, DT).sum(axis=1).tolist() == [240, 0]
+
+
+def test_every_number_has_a_row() -> None:
+    """What `describe` and the evaluation say of a walker, and what follows from it; of bands, figures and claims alike."""
+    derived = {"falls_percent", "stride_length_m", "phase_lag_s", "phase_lag_strides"}
+    features, _ = run(frequency=1.7)
+    gait = Gait(features, np.ones(features.shape[:2], bool), np.zeros(len(features), bool), DT)
+    assert set(metrics.describe(gait, target_speed=4.0)) | derived == MEASURES.keys()
+    assert {band.measure for band in human_bands.table()} <= MEASURES.keys()
+    assert {measure.better for measure in MEASURES.values()} == {"higher", "lower", None}

@@ -20,7 +20,7 @@ from romgrl.pretrained.__main__ import main, write
 from romgrl.provenance import shipped, stage_graph
 from romgrl.provenance.shipped import GROUPS, require_shipped
 from romgrl.provenance.stage_keys import stage_function, stage_settings
-from romgrl.report.tables import gait_number
+from romgrl.report.numbers import measured
 from romgrl.report.terminal_tables import read_rows
 from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import pretrained as stages
@@ -107,7 +107,7 @@ def test_the_card_has_every_number_of_the_evaluation(outputs: Path, place: Path)
         assert read_manifest(place / stage).digest in card
     shown = {text.strip() for line in card.splitlines() if line.startswith("|") for text in line.split("|")}
     cells = [item for row in read_rows(made(outputs, "evaluation") / "gait.csv") for item in row.items()]
-    numbers = [gait_number(name, float(value or "nan")) for name, value in cells if name != "walker"]
+    numbers = [measured(name, float(value or "nan")) for name, value in cells if name != "walker"]
     print(f"{sum(number in shown for number in numbers)} of {len(numbers)} numbers of gait.csv in the card")
     assert len(numbers) >= 45
     assert set(numbers) <= shown

@@ -127,6 +127,7 @@ EDITED = {
     "gait/discriminator_windows.py": TRAINED,
     "gait/alignment.py": {"evaluation", "report"},
     "gait/floquet.py": {"robustness"},
+    "gait/measures.py": {"report"},
     "algorithms/ppo.py": ROM_LEARNED | {"robustness"},
     "algorithms/rollout_buffer.py": ROM_LEARNED | {"robustness"},
     "algorithms/networks/mlp_gradients.py": ROM_LEARNED | {"robustness"},

@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from romgrl.config.schema import Config
 from romgrl.gait.alignment import mse_table
 from romgrl.gait.features import Floats, Gait
+from romgrl.gait.measures import MEASURES
 from romgrl.gait.metrics import describe
 from romgrl.humanoid.model import build
 from romgrl.humanoid.rendering import RenderingError
@@ -147,9 +148,9 @@ def test_markdown() -> None:
 
 
 def test_units_in_brackets() -> None:
-    assert tables.with_unit("mean_speed_m_per_s") == "mean speed [m/s]"
-    assert tables.with_unit("pelvis_height_m") == "pelvis height [m]"
-    assert tables.with_unit("duty_factor") == "duty factor"
+    assert MEASURES["mean_speed_m_per_s"].title == "mean speed [m/s]"
+    assert MEASURES["pelvis_height_m"].title == "pelvis height [m]"
+    assert MEASURES["duty_factor"].title == "duty factor"
 
 
 def test_headline_and_remarks(errors: pd.DataFrame, gait_rows: pd.DataFrame) -> None:

@@ -35,7 +35,7 @@ def test_tables_and_metrics(tmp_path: Path) -> None:
     assert ["average", "0.1", "0.05", "50", "0.2", "-", "-"] in lines
     assert ["mmd", "0.5", "0.0625", "-0.001", "0.0005", "0.01", "1"] in lines
     assert ["dtw", "-", "0.25", "0.125", "-", "-", "deviations"] in lines
-    assert ["mean_speed_m_per_s", "4.01", "3.9", "-"] in lines
+    assert ["mean speed [m/s]", "4.01", "3.90", "-"] in lines
     assert console.file.getvalue().count("not comparable: fell") == 1
     metrics = result_metrics(tmp_path)
     assert metrics["pelvis_y/aligned/reduction_percent"] == 71

@@ -11,8 +11,10 @@ import pandas as pd
 
 from romgrl.artifacts import Manifest
 from romgrl.gait import human_bands
+from romgrl.gait.measures import MEASURES
+from romgrl.report.numbers import fixed, measured
 from romgrl.report.style import CHANNEL_LABELS
-from romgrl.report.tables import ERROR_DECIMALS, fixed, gait_number, with_unit
+from romgrl.report.tables import ERROR_DECIMALS
 
 
 @dataclass(frozen=True)
@@ -45,11 +47,11 @@ def gait_rows(gaits: pd.DataFrame, speed: float) -> list[GaitRow]:
         band = bands.get(name)
         values = [float(row[name]) for row in numbers]
         said = [
-            Value(gait_number(name, value), None if band is None or math.isnan(value) else band.holds(value))
+            Value(measured(name, value), None if band is None or math.isnan(value) else band.holds(value))
             for value in values
         ]
-        text = " to ".join(gait_number(name, limit) for limit in (band.low, band.high)) if band else ""
-        found.append(GaitRow(with_unit(name), said, text, band.source if band else ""))
+        text = " to ".join(measured(name, limit) for limit in (band.low, band.high)) if band else ""
+        found.append(GaitRow(MEASURES[name].title, said, text, band.source if band else ""))
     return found
 
 

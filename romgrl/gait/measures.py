@@ -1,0 +1,104 @@
+"""The measures of a gait: one row for each number of gait.csv, read by tables, figures, reports, MLflow and sweeps.
+
+`romgrl.gait.metrics.describe` computes them; a new one is a row here and a value there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Measure:
+    """What a number is called, its unit and decimals, which way is better ("higher", "lower", None), what it means.
+
+    `swept`: sweeps summarise it over seeds for every walker.
+    """
+
+    label: str
+    unit: str = ""
+    decimals: int = 3
+    better: str | None = None
+    swept: bool = False
+    meaning: str | None = None
+
+    @property
+    def title(self) -> str:
+        """The label with its unit, as in `mean speed [m/s]`."""
+        return f"{self.label} [{self.unit}]" if self.unit else self.label
+
+
+MEASURES = {
+    "episodes": Measure("episodes", decimals=0),
+    "falls": Measure(
+        "falls",
+        decimals=0,
+        better="lower",
+        meaning="episodes that ended before {steps} steps by a fall; what follows a fall counts nowhere",
+    ),
+    "falls_percent": Measure("falls", "%", 1, "lower", swept=True),
+    "target_speed_m_per_s": Measure("target speed", "m/s", 2),
+    "mean_speed_m_per_s": Measure(
+        "mean speed",
+        "m/s",
+        2,
+        swept=True,
+        meaning="over all steps from the reset, which starts slower than the target, and so its error; steady speed "
+        "and all numbers of the gait: from 2 s on",
+    ),
+    "steady_speed_m_per_s": Measure("steady speed", "m/s", 2, swept=True),
+    "speed_error_percent": Measure("speed error", "%", 1, "lower", swept=True),
+    "stride_frequency_hz": Measure(
+        "stride frequency",
+        "Hz",
+        2,
+        swept=True,
+        meaning="forward swings of each foot per second, median over episodes",
+    ),
+    "stride_length_m": Measure("stride length", "m"),
+    "duty_factor": Measure(
+        "duty factor",
+        swept=True,
+        meaning="share of a stride that a foot touches the ground, from the contacts; below 0.5 it is a run",
+    ),
+    "left_right_correlation": Measure(
+        "left right correlation", meaning="Pearson correlation of both feet's x: -1 alternates, +1 hops"
+    ),
+    "left_right_symmetry": Measure(
+        "left right symmetry",
+        better="higher",
+        swept=True,
+        meaning="Lin's concordance of left foot x with right foot x at the best time shift: 1 is symmetric",
+    ),
+    "touchdown_phase_strides": Measure(
+        "touchdown phase", "strides", meaning="of the right foot within the left foot's stride: 0.5 alternates"
+    ),
+    "pelvis_height_m": Measure("pelvis height", "m"),
+    "pelvis_excursion_m": Measure(
+        "pelvis excursion", "m", swept=True, meaning="highest minus lowest pelvis within a stride"
+    ),
+    "trunk_lean_deg": Measure(
+        "trunk lean",
+        "deg",
+        1,
+        swept=True,
+        meaning="of the line from pelvis to neck against the vertical, forward positive",
+    ),
+    "cost_of_transport": Measure(
+        "cost of transport",
+        better="lower",
+        swept=True,
+        meaning="sum over joints of |torque x angular velocity| / (m g v)",
+    ),
+    "phase_lag_s": Measure(
+        "phase lag",
+        "s",
+        better="lower",
+        meaning="time shift of each foot's x that is left after the common alignment, mean of its absolute value; "
+        "says little where the stride frequencies differ",
+    ),
+    "phase_lag_strides": Measure("phase lag", "strides", better="lower"),
+}
+"""By column of gait.csv; falls_percent and stride_length_m follow from others."""
+SWEPT = tuple(name for name, measure in MEASURES.items() if measure.swept)
+MEANINGS = {measure.label: measure.meaning for measure in MEASURES.values() if measure.meaning is not None}
