@@ -46,8 +46,8 @@ def _dots(axes: Axes, measure: str, values: dict[str, float]) -> None:
     """A dot with its number for each walker; a walker without a number keeps its place."""
     for place, (walker, value) in enumerate(values.items()):
         axes.plot([place], [value], "o", color=COLORS[walker], markersize=8)
-        place_of_text = {"xytext": (0, 8), "textcoords": "offset points", "ha": "center"}
-        axes.annotate(measured(measure, value), (place, value), fontsize=8, **place_of_text)
+        text = measured(measure, value)
+        axes.annotate(text, (place, value), (0, 8), textcoords="offset points", ha="center", fontsize=8)
     axes.set_xticks(range(len(values)), list(values))
     axes.set_xlim(-0.6, len(values) - 0.4)
     axes.margins(y=0.25)

@@ -151,7 +151,7 @@ def test_episodes_that_fall_early_are_described_whole() -> None:
 
 
 def test_every_number_has_a_row() -> None:
-    """What `describe` and the evaluation say of a walker, and what follows from it; of bands, figures and claims alike."""
+    """What `describe` and the evaluation say of a walker, what follows from it, and the bands."""
     derived = {"falls_percent", "stride_length_m", "phase_lag_s", "phase_lag_strides"}
     features, _ = run(frequency=1.7)
     gait = Gait(features, np.ones(features.shape[:2], bool), np.zeros(len(features), bool), DT)
