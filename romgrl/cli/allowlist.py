@@ -27,7 +27,6 @@ from omegaconf.errors import InterpolationToMissingValueError, MissingMandatoryV
 
 from romgrl.cli.typed_text import quote_stored_sweep, quoted, use_text_source
 from romgrl.cli.whole_paths import settle
-from romgrl.config.schema import MISSING
 from romgrl.config.values import one_line
 
 TARGETS = (
@@ -90,7 +89,7 @@ class GuardedLoader(ConfigLoaderImpl):
         if config is None:
             config = self._composed_anew(config_name, typed, run_mode, *arguments, **keywords)
             check(config)
-        name_preset(config)
+        name_choices(config)
         quote_stored_sweep(config)
         settle(config)
         return config
@@ -154,10 +153,12 @@ class GuardedLoader(ConfigLoaderImpl):
         super()._process_config_searchpath(config_name, parsed_overrides, repo)
 
 
-def name_preset(config: DictConfig) -> None:
-    """Give a preset that does not say its name that of its file."""
-    if OmegaConf.is_missing(config, "experiment"):
-        config.experiment = config.hydra.runtime.choices.get("experiment") or MISSING
+def name_choices(config: DictConfig) -> None:
+    """Give every choice that does not say its name that of its file."""
+    for group, choice in config.hydra.runtime.choices.items():
+        place, key = (config, group) if group == "experiment" else (config.get(group), "name")
+        if isinstance(place, DictConfig) and choice is not None and OmegaConf.is_missing(place, key):
+            place[key] = choice
 
 
 def check(config: DictConfig, changed: Collection[str] | None = None) -> None:

@@ -114,7 +114,7 @@ def judged_windows(config: Config) -> Iterator[str]:
     from romgrl.gait.discriminator_windows import WindowLayout
 
     judge, episodes = config.discriminator, reference_episodes(config)
-    if judge.name == "none":
+    if not judge.enabled:
         return
     span = WindowLayout(judge.features, judge.window, judge.stride).span
     if span > episodes[0]:
@@ -130,7 +130,7 @@ def judged_windows(config: Config) -> Iterator[str]:
 def critic(config: Config) -> Iterator[str]:
     """Nothing but the penalty keeps a Wasserstein critic from growing without end."""
     judge = config.discriminator
-    if judge.name != "none" and judge.loss in CRITICS and judge.gradient_penalty == 0:
+    if judge.enabled and judge.loss in CRITICS and judge.gradient_penalty == 0:
         yield refusal("discriminator.gradient_penalty", 0, f"more than 0 with discriminator.loss={judge.loss}")
 
 
@@ -163,9 +163,8 @@ def humanoid_file(config: Config) -> Iterator[str]:
     """The file of the humanoid is one; MuJoCo is imported only where there is one to read."""
     humanoid = config.humanoid
     if humanoid.xml is None:
-        if humanoid.name == "humenv":
-            yield refusal("humanoid.xml", None, "the path of HumEnv's robot.xml")
-    elif not is_file(humanoid.xml):
+        return
+    if not is_file(humanoid.xml):
         yield refusal("humanoid.xml", humanoid.xml, "a MuJoCo file that exists")
     else:
         from romgrl.humanoid import model
@@ -216,8 +215,8 @@ LEVELS = ("robustness.push_impulse", "robustness.observation_noise", "robustness
 REPLAY = ("student.buffer_size", "student.num_envs", "student.learning_starts", "student.updates_per_step")
 REFERENCE = ("reference.steps", "reference.episodes")
 JUDGED = ("discriminator.features", "discriminator.window", "discriminator.stride")
-JUDGE = ("discriminator.name", *JUDGED, "discriminator.held_out", "student.mirror")
-CRITIC = ("discriminator.name", "discriminator.loss", "discriminator.gradient_penalty")
+JUDGE = ("discriminator.enabled", *JUDGED, "discriminator.held_out", "student.mirror")
+CRITIC = ("discriminator.enabled", "discriminator.loss", "discriminator.gradient_penalty")
 SPRINGS = ("humanoid.mass", "humanoid.xml", "humanoid.control_frequency")
 LEARNING = ("student.", "discriminator.", "reference.", "evaluation.", "robustness.", "tracking.", "paths.")
 PRETRAINED = ("student.pretrained", *(key for key in schema_keys() if not key.startswith(LEARNING)))
@@ -236,7 +235,7 @@ CHECKS: tuple[tuple[tuple[str, ...], Callable[[Config], Iterator[str]]], ...] = 
     ((*REFERENCE, *JUDGE), judged_windows),
     (CRITIC, critic),
     ((*(key for key in schema_keys() if key.startswith("rom.")), *SPRINGS), springs),
-    (("humanoid.name", "humanoid.xml", "humanoid.actuation"), humanoid_file),
+    (("humanoid.xml", "humanoid.actuation"), humanoid_file),
     (("paths.outputs",), outputs_directory),
     (("tracking.enabled", "tracking.uri", "tracking.experiment", "paths.outputs"), tracking_store),
     (PRETRAINED, pretrained),

@@ -34,7 +34,7 @@ OPTIONAL_STAGES = ("robustness",)  # made only when asked for by name; no stage 
 class Rom:
     """Reduced-order model: a trunk on two spring legs (paper section 3.2). None = taken from the humanoid."""
 
-    name: str = key("name of the reduced-order model")
+    name: str = key("what it is called; not given: as its preset")
     mass: float | None = key("total mass, feet included; null: the humanoid's", unit="kg", low=0.01, high=1e6)
     leg_length: float | None = key(
         "rest length from hip to foot centre; null: the humanoid's pelvis to ankle", unit="m", low=0.05, high=2
@@ -72,7 +72,7 @@ class Rom:
 class Teacher:
     """PPO on the reduced-order model (paper section 3.2)."""
 
-    name: str = key("name of the teacher")
+    name: str = key("what it is called; not given: as its preset")
     speed: float = key("target speed of the teacher", unit="m/s", low=0, high=10)
     reward: str = key(
         "exponential: exp(-alpha |v - speed|); forward_velocity: v", choices=("exponential", "forward_velocity")
@@ -113,7 +113,7 @@ class Reference:
 class Humanoid:
     """Planar humanoid in MuJoCo (paper section 4.1.2)."""
 
-    name: str = key("name of the humanoid")
+    name: str = key("what it is called; not given: as its preset")
     xml: str | None = key("MuJoCo file to hold in the sagittal plane; null: the project's own humanoid")
     actuation: str = key("servo: position servos; torque: joint torques", choices=("servo", "torque"))
     height: float = key("body height of the project's own humanoid", unit="m", low=1.2, high=2.2)
@@ -133,7 +133,7 @@ class Humanoid:
 class Student:
     """SAC on the humanoid (paper section 3.3); the baseline is the same with eta = 1 and no discriminator."""
 
-    name: str = key("name of the student")
+    name: str = key("what it is called; not given: as its preset")
     alpha: float = key("sensitivity of the velocity reward", unit="s/m", low=1e-9, high=1e6)
     total_steps: int = key("environment steps", low=1, high=10**12)
     num_envs: int = key("humanoids stepped together", low=1, high=100_000)
@@ -172,7 +172,8 @@ LABELLED, CRITICS = ("bce", "least_squares"), ("wasserstein",)  # losses; only a
 class Discriminator:
     """Adversarial judge of the gait (paper section 3.3)."""
 
-    name: str = key("name of the discriminator; none: no imitation", choices=("paper", "tuned", "none"))
+    name: str = key("what it is called; not given: as its preset")
+    enabled: bool = key("false: no imitation; the student is the baseline, whatever eta and noise are")
     features: str = key(
         "what a frame holds, paper: the five; trunk: the trunk inclination as well; velocities: the five and their "
         "velocities; trunk_velocities: all of these",

@@ -17,13 +17,16 @@ from romgrl.provenance.source_digest import source_digest
 from romgrl.provenance.stage_graph import STAGES
 from romgrl.provenance.versions import computing_versions
 
-LABELS = ("rom.name", "teacher.name", "humanoid.name", "student.name")  # say what was chosen, change nothing
+NAMED = ("rom", "teacher", "humanoid", "student", "discriminator")
+LABELS = tuple(f"{group}.name" for group in NAMED)  # say what was chosen, change nothing
+    f"{group}.name" for group in ("rom", "teacher", "humanoid", "student", "discriminator")
+)  # say what was chosen, change nothing
 
 
 def stage_config(stage: str, config: Config) -> Config:
-    """The configuration that a stage sees: without imitation for the baseline and for discriminator=none."""
-    if stage == "baseline" or config.discriminator.name == "none":
-        silent = replace(config.discriminator, name="none", features="paper", window=1, stride=1, reward="recomputed")
+    """The configuration that a stage sees: without imitation for the baseline and where there is no discriminator."""
+    if stage == "baseline" or not config.discriminator.enabled:
+        silent = replace(config.discriminator, enabled=False, features="paper", window=1, stride=1, reward="recomputed")
         student = replace(config.student, reference_resets=0.0)
         return replace(config, eta=1.0, noise=0.0, discriminator=silent, student=student)
     return config
@@ -39,9 +42,9 @@ def stage_settings(stage: str, config: Config) -> dict[str, Any]:
         value = value_of(config, key)
         nested = hasattr(value, "__dataclass_fields__")
         settings |= {f"{key}.{name}": item for name, item in asdict(value).items()} if nested else {key: value}
-    if stage == "student" and config.discriminator.name == "none":
+    if stage == "student" and not config.discriminator.enabled:
         settings = {name: value for name, value in settings.items() if not name.startswith("discriminator.")}
-        settings["discriminator.name"] = "none"
+        settings["discriminator.enabled"] = False
     if settings.get("humanoid.xml") is not None:
         del settings["humanoid.xml"]
         settings |= body_settings(stage, config)

@@ -23,7 +23,7 @@ def test_names_tell_what_differs(smoke_config: Config) -> None:
 
 
 def test_a_student_without_imitation_says_so(smoke_config: Config) -> None:
-    config = replace(smoke_config, discriminator=replace(smoke_config.discriminator, name="none"))
+    config = replace(smoke_config, discriminator=replace(smoke_config.discriminator, enabled=False))
     title = stage_title("student", config, ["discriminator=none"])
     assert title == "student v=4 eta=1 noise=0 s=0 discriminator=none"
 

@@ -86,7 +86,7 @@ def build_learner(
 def build_discriminator(config: Config, layout: WindowLayout, reference: Path | None) -> Discriminator | None:
     """The judge, with the windows of the reference; None for the baseline."""
     judge = config.discriminator
-    if judge.name == "none" or reference is None:
+    if not judge.enabled or reference is None:
         return None
     arrays = read_reference(reference, config, steps=layout.span)
     real = reference_windows(
