@@ -12,6 +12,7 @@ from omegaconf import OmegaConf
 from sqlalchemy.engine import make_url
 
 from romgrl.cli.arguments import faults, flags_first, read_options
+from romgrl.cli.compose import CONF
 from romgrl.cli.hydra_loader import Loader, stored_sweep
 from romgrl.cli.typed_text import is_text, quoted
 from romgrl.config.addresses import (
@@ -139,6 +140,35 @@ def test_a_preset_without_a_name_has_that_of_its_file(tmp_path: Path) -> None:
     assert config is not None, lines
     assert (config.experiment, config.speed) == ("mine", 3)
     assert faults(arguments) == []
+
+
+MINE = {
+    "rom": ("spring_leg", "stiffness: 20000.0"),
+    "teacher": ("ppo", "alpha: 2.0"),
+    "humanoid": ("planar", "mass: 80.0"),
+    "student": ("sac", "gamma: 0.95"),
+    "discriminator": ("paper", "window: 2"),
+    "evaluation": ("quick", "episodes: 8"),
+    "tracking": ("none", "experiment: mine"),
+}
+
+
+def test_a_choice_of_ones_own_in_every_group(tmp_path: Path) -> None:
+    """It needs no name, and nobody has to allow it."""
+    for group, (base, line) in MINE.items():
+        (tmp_path / group).mkdir()
+        text = f"defaults: [{base}, _self_]\n{line}\n"
+        (tmp_path / group / "mine.yaml").write_text(text, encoding="utf-8")
+    choices = [f"{group}=mine" for group in MINE]
+    assert faults([f"--config-dir={tmp_path}", *choices]) == []
+    config, lines = composed(f"--config-dir={tmp_path}").compose(choices)
+    assert config is not None, lines
+    for group, (_, line) in MINE.items():
+        key, _, value = line.partition(": ")
+        assert str(config[group][key]) == value
+        assert config[group].get("name", "mine") == "mine"
+    groups = {path.name for path in CONF.iterdir() if path.is_dir()} - {"experiment", "hydra"}
+    assert groups == MINE.keys()
 
 
 @pytest.mark.parametrize("word", ["2026_10_05", "yes"])
