@@ -19,8 +19,6 @@ from romgrl.provenance.versions import computing_versions
 
 NAMED = ("rom", "teacher", "humanoid", "student", "discriminator")
 LABELS = tuple(f"{group}.name" for group in NAMED)  # say what was chosen, change nothing
-    f"{group}.name" for group in ("rom", "teacher", "humanoid", "student", "discriminator")
-)  # say what was chosen, change nothing
 
 
 def stage_config(stage: str, config: Config) -> Config:
