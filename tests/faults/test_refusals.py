@@ -20,7 +20,7 @@ from romgrl.tracking.sending.fetching import find
 from romgrl.tracking.sending.files import FILES_TAG
 from romgrl.tracking.sending.sender import Sender
 from romgrl.tracking.sending.store import Store
-from romgrl.tracking.syncing import Sync, send_all
+from romgrl.tracking.sending.syncing import Sync, send_all
 from tests.faults.runs import FILES, differences, stored
 from tests.faults.test_journal import journaled, tell
 from tests.helpers.jobs import Command
@@ -44,7 +44,7 @@ class Picky(Store):
 
 @pytest.fixture(autouse=True)
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("romgrl.tracking.syncing.PAUSE_SECONDS", 0.0)
+    monkeypatch.setattr("romgrl.tracking.sending.syncing.PAUSE_SECONDS", 0.0)
 
 
 def send(store: Store, outputs: Path) -> list[str]:

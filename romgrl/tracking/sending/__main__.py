@@ -24,7 +24,7 @@ from romgrl.tracking.sending.failures import FAILURES, ExperimentError, RefusedE
 from romgrl.tracking.sending.fetching import download, find
 from romgrl.tracking.sending.sender import ParentError, Sender
 from romgrl.tracking.sending.store import Store
-from romgrl.tracking.syncing import Sync
+from romgrl.tracking.sending.syncing import Sync
 
 POLL_SECONDS = 1.0  # between two looks into the journal
 RETRY_SECONDS = (0.5, 8.0)  # between two tries of a store that is away: at first, and at most
