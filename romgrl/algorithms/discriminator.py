@@ -13,7 +13,7 @@ from romgrl.algorithms.adversarial_losses import (
     interpolate_penalty,
     zero_penalty,
 )
-from romgrl.algorithms.divergence import check
+from romgrl.algorithms.divergence import require_finite
 from romgrl.algorithms.tensor_state import optimizer_state, put_all, restore_optimizer
 
 
@@ -89,9 +89,9 @@ class Discriminator:
         self.optimizer.zero_grad()
         torch.autograd.backward(loss + self.penalty_weight * penalty)
         gradient_norm = nn.utils.get_total_norm([p.grad for p in self.network.parameters() if p.grad is not None])
-        check(discriminator_loss=loss.detach(), discriminator_gradient=gradient_norm)
+        require_finite(discriminator_loss=loss.detach(), discriminator_gradient=gradient_norm)
         self.optimizer.step()
-        check(discriminator_weights=nn.utils.get_total_norm([p.detach() for p in self.network.parameters()]))
+        require_finite(discriminator_weights=nn.utils.get_total_norm([p.detach() for p in self.network.parameters()]))
         self.updates += 1
         threshold = self.adversarial.threshold(real_logits, fake_logits)
         return {

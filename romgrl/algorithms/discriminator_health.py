@@ -50,7 +50,7 @@ class Diagnosis(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Setting:
+class TrainingSetting:
     """What the numbers are measured against: target speed in m/s, the reward and loss of an undecided judge."""
 
     speed: float
@@ -60,7 +60,7 @@ class Setting:
     undecided_loss: float
 
 
-def diagnose(rows: Sequence[Mapping[str, float]], setting: Setting) -> list[Diagnosis]:
+def diagnose(rows: Sequence[Mapping[str, float]], setting: TrainingSetting) -> list[Diagnosis]:
     """All that holds over the last ROWS rows; nothing where there are fewer, or where a row lacks one of COLUMNS."""
     last = rows[-ROWS:]
     if len(last) < ROWS or any(name not in row for row in last for name in COLUMNS):
@@ -70,7 +70,7 @@ def diagnose(rows: Sequence[Mapping[str, float]], setting: Setting) -> list[Diag
     return [diagnosis for diagnosis in found if diagnosis is not None]
 
 
-def saturated(series: Series, setting: Setting) -> Diagnosis | None:
+def saturated(series: Series, setting: TrainingSetting) -> Diagnosis | None:
     """It tells every window, and its reward lies at zero or at its limit: no slope is left to climb."""
     teacher, student = (float(series[f"discriminator_accuracy_{name}"].mean()) for name in ("teacher", "student"))
     reward = series["imitation_reward"]
@@ -87,7 +87,7 @@ def saturated(series: Series, setting: Setting) -> Diagnosis | None:
     )
 
 
-def collapsed(series: Series, setting: Setting) -> Diagnosis | None:
+def collapsed(series: Series, setting: TrainingSetting) -> Diagnosis | None:
     """It says the same of everything, although means and spreads of the features differ."""
     spread, apart = series["discriminator_logit_spread"], series["discriminator_feature_gap"]
     gap = np.abs(series["discriminator_logit_teacher"] - series["discriminator_logit_student"])
@@ -101,7 +101,7 @@ def collapsed(series: Series, setting: Setting) -> Diagnosis | None:
     )
 
 
-def overfitted(series: Series, setting: Setting) -> Diagnosis | None:
+def overfitted(series: Series, setting: TrainingSetting) -> Diagnosis | None:
     """It knows the teacher's windows by heart: better on them, worse on the held-out ones."""
     fit, held_out = series["discriminator_fit_loss"], series["discriminator_held_out_loss"]
     excess = float((held_out - fit).mean())
@@ -117,7 +117,7 @@ def overfitted(series: Series, setting: Setting) -> Diagnosis | None:
     )
 
 
-def ignored(series: Series, setting: Setting) -> Diagnosis | None:
+def ignored(series: Series, setting: TrainingSetting) -> Diagnosis | None:
     """The policy does not answer to it: too small a share, or a low reward that goes nowhere while gaits differ."""
     share, reward = series["imitation_share"], series["imitation_reward"]
     if share.max() <= SILENT_SHARE and saturated(series, setting) is None:
@@ -135,7 +135,7 @@ def ignored(series: Series, setting: Setting) -> Diagnosis | None:
     return Diagnosis("ignored", evidence, "lower eta, or raise discriminator.window so that the reward tells more")
 
 
-def standing_still(series: Series, setting: Setting) -> Diagnosis | None:
+def standing_still(series: Series, setting: TrainingSetting) -> Diagnosis | None:
     """A plausible pose is paid well, so nobody walks."""
     speed, reward = series["speed"], series["imitation_reward"]
     if speed.max() > STANDING * setting.speed or reward.min() < PAID * setting.undecided_reward:
@@ -156,7 +156,7 @@ def trend(values: NDArray[np.float64]) -> float:
     return float(((ranks - ranks.mean()) * (time - time.mean())).mean()) / spread if spread > 0 else 0.0
 
 
-CHECKS: tuple[Callable[[Series, Setting], Diagnosis | None], ...] = (
+CHECKS: tuple[Callable[[Series, TrainingSetting], Diagnosis | None], ...] = (
     saturated,
     collapsed,
     overfitted,

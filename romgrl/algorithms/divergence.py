@@ -14,7 +14,7 @@ LIMIT = 1e8
 """Largest norm of an array of observations, rewards, losses, gradients or weights; healthy ones stay below 1e5."""
 
 
-def check(**arrays: Any) -> None:
+def require_finite(**arrays: Any) -> None:
     """Raise DivergenceError naming the first of these arrays or tensors that holds NaN or has a norm beyond LIMIT."""
     for name, array in arrays.items():
         flat = array.reshape(-1)

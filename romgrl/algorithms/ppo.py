@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from romgrl.algorithms.networks.mlp import ACTIVATIONS, initialise_orthogonal, mirror, mlp
-from romgrl.algorithms.networks.mlp_gradients import MLPGradients, flatten
+from romgrl.algorithms.networks.mlp_gradients import MLPGradients, flatten_parameters
 from romgrl.algorithms.policy_file import check_tensors, layer_sizes, read_policy, require
 from romgrl.algorithms.rollout_buffer import Rollout, compute_gae
 from romgrl.algorithms.second_thread import start
@@ -93,7 +93,7 @@ class PPO:
         initialise_orthogonal(self.value, output_gain=1.0)
         self.log_std = nn.Parameter(torch.full((action_size,), float(initial_log_std), device=device))
         self.parameters = [*self.policy.parameters(), *self.value.parameters(), self.log_std]
-        self.weights, self.gradient = flatten(self.parameters)
+        self.weights, self.gradient = flatten_parameters(self.parameters)
         self.policy_gradients, self.value_gradients = MLPGradients(self.policy), MLPGradients(self.value)
         self.learning_rate, self.lane = learning_rate, lane
         self.optimizer = torch.optim.Adam([self.weights], lr=learning_rate, eps=1e-5, fused=True)

@@ -17,7 +17,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from romgrl.algorithms.divergence import check
+from romgrl.algorithms.divergence import require_finite
 from romgrl.algorithms.networks import squashed_gaussian
 from romgrl.algorithms.networks.stacked_mlp import StackedMLP, Tape
 from romgrl.algorithms.policy_file import check_tensors, layer_sizes, read_policy, require_humanoid
@@ -88,7 +88,7 @@ class SAC:
     def sample(self, observation: Tensor, noise: Tensor, use: str) -> squashed_gaussian.Sample:
         """Actions of the policy for observations (B, columns) with noise (B, A); `use` names the tape that is kept."""
         head = self.policy.forward(observation, self._tape(use, self.policy, len(observation)))
-        return squashed_gaussian.draw(head[0], noise)
+        return squashed_gaussian.sample(head[0], noise)
 
     def update(self, batch: Batch, reward: Tensor) -> Metrics:
         """One SAC update on a batch with its total reward (B,); returns scalars to log."""
@@ -100,16 +100,18 @@ class SAC:
             policy = start(self.lane, self.policy_gradient, batch.observation, noise)
         metrics = self.critic_gradient(batch, reward, following)
         metrics |= policy() if policy is not None else {}
-        check(critic_loss=metrics["critic_loss"], critic_gradient=self.critic.gradient)
+        require_finite(critic_loss=metrics["critic_loss"], critic_gradient=self.critic.gradient)
         self.critic_optimizer.step()
         if due and not self.simultaneous:
             metrics |= self.policy_gradient(batch.observation, noise)
         if due:
-            check(policy_loss=metrics["policy_loss"], policy_gradient=self.policy.gradient)
+            require_finite(policy_loss=metrics["policy_loss"], policy_gradient=self.policy.gradient)
             self.policy_optimizer.step()
             self.average.flat.lerp_(self.policy.flat, 1 - self.policy_average)
         self.target.flat.lerp_(self.critic.flat, self.tau)
-        check(policy_weights=self.policy.flat, critic_weights=self.critic.flat, temperature=self.log_temperature)
+        require_finite(
+            policy_weights=self.policy.flat, critic_weights=self.critic.flat, temperature=self.log_temperature
+        )
         self.updates += 1
         return metrics
 

@@ -4,7 +4,7 @@ from romgrl.artifacts.manifest import MANIFEST, FileRecord, Manifest, read_manif
 from romgrl.artifacts.payload import load_arrays, load_tensors, save_arrays, save_tensors, tensor_shapes
 from romgrl.artifacts.publication import publish, set_aside, setting_aside
 from romgrl.artifacts.rights import lock_mode, may_write, require_right
-from romgrl.artifacts.storage import storage_faults, sync, write_bytes
+from romgrl.artifacts.storage import storage_faults, sync_path, write_bytes
 from romgrl.artifacts.verification import open_artifact
 
 __all__ = [
@@ -24,7 +24,7 @@ __all__ = [
     "set_aside",
     "setting_aside",
     "storage_faults",
-    "sync",
+    "sync_path",
     "tensor_shapes",
     "write_bytes",
     "write_manifest",

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from romgrl.artifacts import load_tensors, save_tensors, sync, write_bytes
+from romgrl.artifacts import load_tensors, save_tensors, sync_path, write_bytes
 from romgrl.errors import ArtifactError
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ class Checkpoints:
 
         self.directory.mkdir(exist_ok=True)
         tensors, values = {}, {}
-        for name, value in flatten(state):
+        for name, value in flatten_state(state):
             if isinstance(value, np.ndarray):
                 tensors[name] = torch.from_numpy(np.ascontiguousarray(value))
             elif isinstance(value, torch.Tensor):
@@ -68,7 +68,7 @@ class Checkpoints:
             self._segments[name]["sha256"] = files[name]
         document = {"step": step, "values": values, "segments": self._segments, "files": files}
         write_bytes(self.directory / f"{step}.json", sealed(document))
-        sync(self.directory)  # before the checkpoint that it replaces goes
+        sync_path(self.directory)  # before the checkpoint that it replaces goes
         self._forget()
 
     def load(self) -> tuple[int, State] | None:
@@ -110,7 +110,7 @@ class Checkpoints:
     def _forget(self) -> None:
         """Remove what the last checkpoints do not need; what was set aside stays."""
         manifests = self._manifests()
-        needed = {name for path in manifests[-KEPT:] for name in readable(path).get("files", ())}
+        needed = {name for path in manifests[-KEPT:] for name in readable_state(path).get("files", ())}
         for path in manifests[:-KEPT]:
             path.unlink()
         for path in self.directory.glob("*.safetensors"):
@@ -125,11 +125,11 @@ class Checkpoints:
             return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def flatten(state: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+def flatten_state(state: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
     """Leaves of a nested state under names joined by slashes."""
     for name, value in state.items():
         if isinstance(value, Mapping):
-            yield from flatten(value, f"{prefix}{name}/")
+            yield from flatten_state(value, f"{prefix}{name}/")
         else:
             yield prefix + name, value
 
@@ -152,7 +152,7 @@ def sealed(document: Mapping[str, Any]) -> bytes:
     return hashlib.sha256(text).hexdigest().encode() + b"\n" + text
 
 
-def readable(path: Path) -> dict[str, Any]:
+def readable_state(path: Path) -> dict[str, Any]:
     """What `sealed` wrote, or nothing."""
     try:
         return unsealed(path)

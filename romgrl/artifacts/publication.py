@@ -10,7 +10,7 @@ from pathlib import Path
 
 from romgrl.artifacts.manifest import read_manifest
 from romgrl.artifacts.rights import require_right
-from romgrl.artifacts.storage import storage_faults, sync, sync_tree
+from romgrl.artifacts.storage import storage_faults, sync_path, sync_tree
 from romgrl.errors import ArtifactError, StorageError
 
 
@@ -24,7 +24,7 @@ def publish(partial: Path, directory: Path) -> None:
     with storage_faults(partial):
         sync_tree(partial)
         os.rename(partial, directory)
-        sync(directory.parent)
+        sync_path(directory.parent)
 
 
 def set_aside(directory: Path) -> Path:
@@ -33,7 +33,7 @@ def set_aside(directory: Path) -> Path:
     aside = directory.with_name(f"{directory.name}.damaged-{now}")
     with storage_faults(directory):
         os.rename(directory, aside)
-        sync(directory.parent)
+        sync_path(directory.parent)
     return aside
 
 

@@ -14,7 +14,7 @@ OUTPUTS = "paths.outputs"
 
 def may_write(path: Path) -> bool:
     """Tell whether this user may write to a file or a directory, or make it where it is not there."""
-    place = nearest(path)
+    place = nearest_existing(path)
     return os.access(place, os.W_OK | os.X_OK if place.is_dir() else os.W_OK)
 
 
@@ -25,7 +25,7 @@ def require_right(path: Path, why: str, *, key: str = OUTPUTS) -> None:
     """
     if may_write(path):
         return
-    place = nearest(path)
+    place = nearest_existing(path)
     elsewhere = f"{key}=DIR of your own goes elsewhere"
     if os.statvfs(place).f_flag & os.ST_RDONLY:
         raise StorageError(f"{place}: {why}; {elsewhere}: {os.strerror(errno.EROFS)}")
@@ -35,7 +35,7 @@ def require_right(path: Path, why: str, *, key: str = OUTPUTS) -> None:
     )
 
 
-def nearest(path: Path) -> Path:
+def nearest_existing(path: Path) -> Path:
     """The path itself or, where it is not there, what would have to hold it."""
     return next(place for place in (path, *path.parents) if os.path.exists(place))
 

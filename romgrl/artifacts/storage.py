@@ -42,7 +42,7 @@ def write_bytes(path: Path, content: bytes) -> None:
                 temporary.unlink(missing_ok=True)
 
 
-def sync(path: Path) -> None:
+def sync_path(path: Path) -> None:
     """Put a file, or the names in a directory, on the disk."""
     descriptor = os.open(path, os.O_RDONLY)
     try:
@@ -65,5 +65,5 @@ def sync_tree(directory: Path) -> None:
     """Put every file and every name under a directory on the disk."""
     for path in reversed(tree(directory)):  # what a directory holds before the directory
         if path.is_dir() or path.is_file():
-            sync(path)
-    sync(directory)
+            sync_path(path)
+    sync_path(directory)

@@ -26,7 +26,7 @@ from omegaconf import DictConfig, ListConfig, OmegaConf
 from omegaconf.errors import InterpolationToMissingValueError, MissingMandatoryValue, OmegaConfBaseException
 
 from romgrl.cli.typed_text import quote_stored_sweep, quoted, use_text_source
-from romgrl.cli.whole_paths import settle
+from romgrl.cli.whole_paths import make_whole
 from romgrl.config.values import one_line
 
 TARGETS = (
@@ -38,14 +38,14 @@ TARGETS = (
     "hydra_plugins.hydra_submitit_launcher.submitit_launcher.SlurmLauncher",
 )
 LOGGING = ("logging.StreamHandler", "logging.FileHandler", "logging.NullHandler", "logging.Formatter")
-STREAMS = ("ext://sys.stdout", "ext://sys.stderr")
+LOG_STREAMS = ("ext://sys.stdout", "ext://sys.stderr")
 VARIABLES = re.compile(r"(OMP|MKL|OPENBLAS|CUDA|MUJOCO|MLFLOW|ROMGRL)_[A-Z0-9_]+")
 INSTANTIATED = re.compile(r"hydra\.(callbacks|launcher|sweeper)(\.|$)")
 DEEPEST = 40
-UNKNOWN = object()
+UNRESOLVED = object()
 
 
-def guard() -> None:
+def guard_hydra() -> None:
     """Have Hydra load every configuration through the check, which needs its resolvers, and pass on every error."""
     setup_globals()
     os.environ["HYDRA_FULL_ERROR"] = "1"  # errors come to `main` instead of into Hydra's own report
@@ -88,10 +88,10 @@ class GuardedLoader(ConfigLoaderImpl):
         config = self._copied(config_name, typed) if run_mode == RunMode.RUN else None
         if config is None:
             config = self._composed_anew(config_name, typed, run_mode, *arguments, **keywords)
-            check(config)
+            require_allowed(config)
         name_choices(config)
         quote_stored_sweep(config)
-        settle(config)
+        make_whole(config)
         return config
 
     def _composed_anew(self, *arguments: Any, **keywords: Any) -> DictConfig:
@@ -119,14 +119,14 @@ class GuardedLoader(ConfigLoaderImpl):
         try:
             if what not in self._composed:
                 self._composed[what] = super().load_configuration(config_name, choices, RunMode.RUN)
-                check(self._composed[what])
+                require_allowed(self._composed[what])
             config = copy.deepcopy(self._composed[what])
             if config.hydra.searchpath:  # may have groups of its own
                 return None
             self._apply_overrides_to_config(values, config)
         except (HydraException, OmegaConfBaseException):
             return None
-        check(config, {override.key_or_group.partition(".")[0] for override in values})
+        require_allowed(config, {override.key_or_group.partition(".")[0] for override in values})
         own = [override for override in parsed if not override.is_hydra_override()]
         config.hydra.overrides.task = [override.input_line for override in own]
         form = config.hydra.job.config.override_dirname
@@ -161,23 +161,25 @@ def name_choices(config: DictConfig) -> None:
             place[key] = choice
 
 
-def check(config: DictConfig, changed: Collection[str] | None = None) -> None:
+def require_allowed(config: DictConfig, changed: Collection[str] | None = None) -> None:
     """Raise HydraException with one line per foreign thing in a composed configuration.
 
     `changed`: the groups to look at, beside Hydra's own, where the others were looked at before.
     """
     names = None if changed is None else sorted({"hydra", *changed} & config.keys())
-    lines = list(dict.fromkeys(line for path, value in walk(config, names) if (line := refusal(path, value))))
+    lines = list(
+        dict.fromkeys(line for path, value in walk_entries(config, names) if (line := refused_entry(path, value)))
+    )
     if lines:
         raise HydraException("\n".join(lines))
 
 
-def walk(
+def walk_entries(
     node: DictConfig | ListConfig, names: Sequence[str] | None = None, path: tuple[str, ...] = ()
 ) -> Iterator[tuple[tuple[str, ...], Any]]:
     """Path and value of every entry, or those below `names`, interpolations resolved; UNKNOWN for what cannot be."""
     if len(path) > DEEPEST:
-        yield path, UNKNOWN
+        yield path, UNRESOLVED
         return
     entries: Any = node
     for key in names or (list(entries.keys()) if isinstance(node, DictConfig) else range(len(node))):
@@ -186,28 +188,28 @@ def walk(
         except (MissingMandatoryValue, InterpolationToMissingValueError):
             value = None  # Hydra fills in numbers and names of jobs
         except OmegaConfBaseException:
-            value = UNKNOWN
+            value = UNRESOLVED
         here = (*path, str(key))
         yield here, value
         if isinstance(value, DictConfig | ListConfig):
-            yield from walk(value, None, here)
+            yield from walk_entries(value, None, here)
 
 
-def refusal(path: tuple[str, ...], value: Any) -> str | None:
+def refused_entry(path: tuple[str, ...], value: Any) -> str | None:
     """The line that refuses an entry; None for one that makes nothing foreign."""
     dotted, allowed = ".".join(path), None
     if path[-1] == "_target_" and value not in TARGETS:
         allowed = ", ".join(TARGETS)
-    elif value is UNKNOWN and INSTANTIATED.match(dotted):
+    elif value is UNRESOLVED and INSTANTIATED.match(dotted):
         allowed = "what can be resolved before anything runs"
     elif path[:2] in (("hydra", "job_logging"), ("hydra", "hydra_logging")):
         if path[-1] == "()" or (path[-1] == "class" and value not in LOGGING):
             allowed = f"class: {', '.join(LOGGING)}"
-        elif isinstance(value, str) and value.startswith("ext:") and value not in STREAMS:
-            allowed = ", ".join(STREAMS)
+        elif isinstance(value, str) and value.startswith("ext:") and value not in LOG_STREAMS:
+            allowed = ", ".join(LOG_STREAMS)
     elif path[:3] == ("hydra", "job", "env_set") and len(path) == 4 and not VARIABLES.fullmatch(path[3]):
         allowed = VARIABLES.pattern
     if allowed is None:
         return None
-    shown = "what it refers to" if value is UNKNOWN else " ".join(str(value).split())
+    shown = "what it refers to" if value is UNRESOLVED else " ".join(str(value).split())
     return f"{dotted}: {shown} is not allowed; allowed: {allowed}"

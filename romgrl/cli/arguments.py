@@ -12,7 +12,7 @@ from hydra._internal.utils import get_args_parser
 from hydra.core.override_parser.types import Override, ValueType
 from hydra.types import RunMode
 
-from romgrl.cli.compose import first_line, problems, register_schema
+from romgrl.cli.compose import explanation, problems, register_schema
 from romgrl.cli.hydra_loader import Loader, stored_sweep
 from romgrl.cli.typed_text import is_any_text
 from romgrl.config.addresses import as_typed
@@ -20,15 +20,15 @@ from romgrl.config.values import (
     allowed,
     bad_value,
     fits,
-    nearest,
     one_line,
     refusal,
     schema_groups,
     schema_keys,
+    suggestion,
     unknown_key,
 )
 from romgrl.errors import ConfigurationError
-from romgrl.runtime.surroundings import settle
+from romgrl.runtime.surroundings import adapt_environment
 
 LONGEST_MESSAGE = 300  # characters of what argparse says
 LONGEST_QUOTED = 200  # characters of a value that a line repeats in quotes
@@ -41,11 +41,11 @@ NAMING |= {"-cd": "--config-dir", "-cn": "--config-name", "-cp": "--config-path"
 def flags_first(arguments: Sequence[str]) -> list[str]:
     """Put options before overrides, so that -m may stand anywhere; Hydra's parser wants it so."""
     return sorted(
-        joined(arguments), key=lambda text: not text.startswith("-") and ("=" in text or text[:1] in ("~", "+"))
+        joined_options(arguments), key=lambda text: not text.startswith("-") and ("=" in text or text[:1] in ("~", "+"))
     )
 
 
-def joined(arguments: Sequence[str]) -> Iterator[str]:
+def joined_options(arguments: Sequence[str]) -> Iterator[str]:
     """Yield the arguments, each option that names something in one piece with it, and directories with ~ expanded."""
     rest = iter(arguments)
     for text in rest:
@@ -66,7 +66,7 @@ def faults(arguments: Sequence[str]) -> list[str]:
     register_schema()
     loader = Loader(options)
     read = {text: loader.parse(text) for text in options.overrides}
-    lines += [unreadable(text) for text, override in read.items() if override is None]
+    lines += [unreadable_override(text) for text, override in read.items() if override is None]
     overrides = [override for override in read.values() if override is not None]
     lines += given_twice(options.overrides)
     found = [[*override_faults(override, loader)] for override in overrides]
@@ -77,7 +77,7 @@ def faults(arguments: Sequence[str]) -> list[str]:
 
 def checked(arguments: Sequence[str]) -> list[str]:
     """The arguments as Hydra's parser wants them; ConfigurationError where something is wrong with them."""
-    settle()
+    adapt_environment()
     if lines := faults(arguments):
         raise ConfigurationError("\n".join(lines))
     return flags_first(arguments)
@@ -85,7 +85,7 @@ def checked(arguments: Sequence[str]) -> list[str]:
 
 def refuse(error: Exception) -> int:
     """Print what is wrong with this process's command line and return the exit code."""
-    print(error if isinstance(error, ConfigurationError) else first_line(error), file=sys.stderr)
+    print(error if isinstance(error, ConfigurationError) else explanation(error), file=sys.stderr)
     return ConfigurationError.exit_code
 
 
@@ -97,7 +97,7 @@ def read_options(arguments: Sequence[str]) -> tuple[Namespace | None, list[str]]
         options, unknown = parser.parse_known_args(flags_first(arguments))
     except ArgumentError as error:
         return None, [one_line(str(error), LONGEST_MESSAGE)]
-    lines = [f"{one_line(text)}: unknown option{nearest(text, OPTIONS)}; --help lists them" for text in unknown]
+    lines = [f"{one_line(text)}: unknown option{suggestion(text, OPTIONS)}; --help lists them" for text in unknown]
     if options.experimental_rerun is not None:
         lines.append("--experimental-rerun: is not available; it would run what a file says")
     directory, path = options.config_dir, options.config_path
@@ -114,7 +114,7 @@ def read_options(arguments: Sequence[str]) -> tuple[Namespace | None, list[str]]
     return (None if lines else options), lines
 
 
-def unreadable(text: str) -> str:
+def unreadable_override(text: str) -> str:
     """The line of an argument that is no override, with what its key takes where it has one."""
     key, _, value = text.partition("=")
     key = key.lstrip("+~")
@@ -122,12 +122,12 @@ def unreadable(text: str) -> str:
     if "=" not in text or not key:
         return line
     if is_any_text(key):
-        return f"{one_line(text)}: cannot be read; {in_quotes(key, value)}"
+        return f"{one_line(text)}: cannot be read; {quoting_hint(key, value)}"
     entry = schema_keys().get(key)
     return f"{line}; {unknown_key(key)}" if entry is None else f"{line}; allowed: {allowed(entry)}"
 
 
-def in_quotes(key: str, value: str) -> str:
+def quoting_hint(key: str, value: str) -> str:
     """How text is written that Hydra reads as something else, to be pasted into a shell."""
     whole = len(value) <= LONGEST_QUOTED and value.isprintable() and not value.startswith(("'", '"'))
     example = as_typed(key, value) if whole else f"\"{key}='...'\""
@@ -163,13 +163,13 @@ def override_faults(override: Override, loader: Loader) -> Iterator[str]:
     elif override.is_sweep_override() and not override.is_discrete_sweep():
         yield f"{text}: has no end; list the values of {key}; allowed: {permitted(key, choices)}"
     elif is_any_text(key) and any(isinstance(value, list | dict) for value in values_of(override)):
-        yield f"{bad_value(key, override.value())}; {in_quotes(key, (override.input_line or '').partition('=')[2])}"
+        yield f"{bad_value(key, override.value())}; {quoting_hint(key, (override.input_line or '').partition('=')[2])}"
     elif not values_of(override):
         yield f"{text}: names no value of {key}; allowed: {permitted(key, choices)}"
     elif choices:
         for choice in values_of(override):
             if choice not in choices:
-                yield refusal(key, choice, permitted(key, choices) + nearest(str(choice), choices))
+                yield refusal(key, choice, permitted(key, choices) + suggestion(str(choice), choices))
 
 
 def permitted(key: str, choices: Sequence[str]) -> str:
@@ -212,13 +212,13 @@ def sweep_without_flag(override: Override) -> str:
     text, key = override.input_line or "", override.key_or_group
     line = f"{one_line(text)}: is a sweep over several values; put -m before the keys"
     comma = override.value_type == ValueType.SIMPLE_CHOICE_SWEEP and is_any_text(key)
-    return f"{line}, or where it is one value, {in_quotes(key, text.partition('=')[2])}" if comma else line
+    return f"{line}, or where it is one value, {quoting_hint(key, text.partition('=')[2])}" if comma else line
 
 
 def parameter_faults(text: str, loader: Loader) -> list[str]:
     """One line for everything that keeps a sweep that a file stores from being applied."""
     override = loader.parse(text)
-    return [unreadable(text)] if override is None else [*override_faults(override, loader)]
+    return [unreadable_override(text)] if override is None else [*override_faults(override, loader)]
 
 
 def value_faults(override: Override) -> Iterator[str]:

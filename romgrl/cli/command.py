@@ -18,10 +18,10 @@ from romgrl.config.schema import Config
 from romgrl.errors import ConfigurationError, RomgrlError
 from romgrl.runtime.display import protect
 
-Job = Callable[[Config, Sequence[str]], None]
+RunJob = Callable[[Config, Sequence[str]], None]
 
 
-def run(job: Job) -> None:
+def run(job: RunJob) -> None:
     """Run every job that the command line names, and end with an exit code, one line for each fault.
 
     A job is called with its configuration and overrides. One that fails says why at once; the others of a sweep go on.

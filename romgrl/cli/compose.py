@@ -16,7 +16,7 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
 
 from romgrl.cli import search_space
-from romgrl.cli.allowlist import guard
+from romgrl.cli.allowlist import guard_hydra
 from romgrl.cli.consistency import misfits
 from romgrl.cli.hydra_settings import hydra_faults
 from romgrl.config.schema import MISSING, Config
@@ -25,11 +25,11 @@ from romgrl.config.values import (
     bad_value,
     convert,
     fits,
-    nearest,
     one_line,
     refusal,
     schema_groups,
     schema_keys,
+    suggestion,
     unknown_key,
 )
 from romgrl.errors import ConfigurationError
@@ -45,7 +45,7 @@ def register_schema() -> None:
 
     `read` holds the types: Hydra would stop at the first value that does not have its own.
     """
-    guard()
+    guard_hydra()
     search_space.register()
     keys = OmegaConf.create()
     for name in schema_keys():
@@ -78,7 +78,7 @@ def nowhere(key: str) -> str:
 
 def to_config(composed: Any) -> Config:
     """Turn what Hydra composed into the typed configuration. Raises ConfigurationError for what is no such thing."""
-    config, bad = read(composed)
+    config, bad = read_composed(composed)
     if bad:
         raise ConfigurationError("\n".join(line for line in bad.values() if line))
     return config
@@ -86,11 +86,11 @@ def to_config(composed: Any) -> Config:
 
 def problems(composed: DictConfig, where: Callable[[str], str] = nowhere) -> list[str]:
     """One line for everything that is wrong with what Hydra composed; `where`: " in FILE" for a key of a file."""
-    config, bad = read(composed, where)
+    config, bad = read_composed(composed, where)
     return [*(line for line in bad.values() if line), *misfits(config, bad), *hydra_faults(composed, bad)]
 
 
-def read(composed: DictConfig, where: Callable[[str], str] = nowhere) -> tuple[Config, dict[str, str]]:
+def read_composed(composed: DictConfig, where: Callable[[str], str] = nowhere) -> tuple[Config, dict[str, str]]:
     """The configuration, and by key what is wrong with it: values that are bad are missing in the configuration."""
     keys = schema_keys()
     bad = {name: unknown_key(name, where(name)) for name in added_keys(composed)}
@@ -102,7 +102,7 @@ def read(composed: DictConfig, where: Callable[[str], str] = nowhere) -> tuple[C
             bad[key] = ""  # the line of its group says it
             continue
         try:
-            value = plain(OmegaConf.select(composed, key, default=ABSENT, throw_on_missing=True))
+            value = as_python(OmegaConf.select(composed, key, default=ABSENT, throw_on_missing=True))
         except MissingMandatoryValue:
             value = ABSENT
         except (OmegaConfBaseException, RecursionError) as error:
@@ -114,10 +114,10 @@ def read(composed: DictConfig, where: Callable[[str], str] = nowhere) -> tuple[C
             values[key] = convert(value, entry)
         else:
             bad[key] = bad_value(key, value)
-    return assemble(values), bad
+    return assemble_config(values), bad
 
 
-def plain(value: Any) -> Any:
+def as_python(value: Any) -> Any:
     """Lists and mappings of Python, with every interpolation in them resolved."""
     return OmegaConf.to_container(value, resolve=True) if OmegaConf.is_config(value) else value
 
@@ -169,11 +169,11 @@ def unresolved(composed: DictConfig, key: str, error: Exception) -> str:
     for part in key.split("."):
         written = written[part]
     text, entry = str(written), schema_keys()[key]
-    meant = nearest(text[text.find("${") + 2 :].partition("}")[0], schema_keys())
-    return f"{key}: {one_line(text)} cannot be resolved: {first_line(error)}{meant}; allowed: {allowed(entry)}"
+    meant = suggestion(text[text.find("${") + 2 :].partition("}")[0], schema_keys())
+    return f"{key}: {one_line(text)} cannot be resolved: {explanation(error)}{meant}; allowed: {allowed(entry)}"
 
 
-def first_line(error: Exception) -> str:
+def explanation(error: Exception) -> str:
     """What Hydra or OmegaConf says, on one line: its first sentence, and where that ends in a colon the next."""
     cause = error.__cause__ or error
     key = getattr(cause, "full_key", None)
@@ -184,10 +184,12 @@ def first_line(error: Exception) -> str:
     return f"{key}: {text}" if key and key not in text else text
 
 
-def assemble(values: Mapping[str, Any], schema: Any = Config, prefix: str = "") -> Any:
+def assemble_config(values: Mapping[str, Any], schema: Any = Config, prefix: str = "") -> Any:
     """The dataclass of the schema with the values of all dotted keys."""
     parts = {}
     for entry in fields(schema):
         name = prefix + entry.name
-        parts[entry.name] = values[name] if name in values else assemble(values, entry.default_factory, f"{name}.")
+        parts[entry.name] = (
+            values[name] if name in values else assemble_config(values, entry.default_factory, f"{name}.")
+        )
     return schema(**parts)

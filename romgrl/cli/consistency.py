@@ -81,7 +81,7 @@ def rollout(config: Config) -> Iterator[str]:
         yield refusal("teacher.minibatch_size", teacher.minibatch_size, permitted)
 
 
-def replay(config: Config) -> Iterator[str]:
+def replay_buffer(config: Config) -> Iterator[str]:
     """The replay buffer holds a few steps of all humanoids, two of them before the first update."""
     student = config.student
     if student.buffer_size < FEWEST_ROWS * student.num_envs:
@@ -230,7 +230,7 @@ CHECKS: tuple[tuple[tuple[str, ...], Callable[[Config], Iterator[str]]], ...] = 
     at_most("reference.warmup_steps", "teacher.episode_steps"),
     at_most("reference.episodes", "reference.steps"),
     (("teacher.num_envs", "teacher.rollout_steps", "teacher.minibatch_size"), rollout),
-    (REPLAY, replay),
+    (REPLAY, replay_buffer),
     ((*REFERENCE, "evaluation.window"), scored_window),
     ((*REFERENCE, *JUDGE), judged_windows),
     (CRITIC, critic),

@@ -22,9 +22,9 @@ from yaml import YAMLError
 from yaml.error import MarkedYAMLError
 
 from romgrl.cli.allowlist import GuardedLoader
-from romgrl.cli.compose import COMPOSITION_ERRORS, CONF, first_line
+from romgrl.cli.compose import COMPOSITION_ERRORS, CONF, explanation
 from romgrl.cli.typed_text import holds, quoted
-from romgrl.config.values import nearest, one_line, refusal, schema_groups, schema_keys
+from romgrl.config.values import one_line, refusal, schema_groups, schema_keys, suggestion
 
 FILE_ERRORS = (YAMLError, UnicodeError, OSError)
 MALFORMED = (ValueError, TypeError, AttributeError, KeyError, AssertionError, RecursionError, UserWarning)
@@ -73,9 +73,9 @@ class Loader:
             except COMPOSITION_ERRORS as error:
                 return None, self.explain(error)
             except FILE_ERRORS as error:
-                return None, [*self.unreadable_files()] or [one_line(first_line(error))]
+                return None, [*self.unreadable_files()] or [one_line(explanation(error))]
             except MALFORMED as error:
-                return None, [f"{self.name}: cannot be composed: {one_line(first_line(error))}"]
+                return None, [f"{self.name}: cannot be composed: {one_line(explanation(error))}"]
         if not set(schema_groups()) & set(composed):
             return None, [without_schema(self.name)]
         return composed, []
@@ -88,13 +88,13 @@ class Loader:
         if isinstance(cause, ConfigKeyError | ConfigAttributeError) and str(cause.full_key) in schema_keys():
             return [without_schema(self.name)]
         if not isinstance(error, MissingConfigException) or error.missing_cfg_file is None:
-            return [first_line(error)]
+            return [explanation(error)]
         group, _, choice = error.missing_cfg_file.removesuffix(".yaml").rpartition("/")
         choices = error.options or [
             name for name in self.options_of(group) if name not in PARTS and not name.startswith("_")
         ]
         key = group or ("--config-name" if choice == self.name else "defaults")
-        return [refusal(key, choice, (", ".join(choices) or "a file that exists") + nearest(choice, choices))]
+        return [refusal(key, choice, (", ".join(choices) or "a file that exists") + suggestion(choice, choices))]
 
     def where(self, key: str) -> str:
         """Name the file of the user's directories that has a key, as `in FILE`; nothing where none has it."""
@@ -109,7 +109,7 @@ class Loader:
     def unreadable_files(self) -> Iterator[str]:
         """Yield a line for every file of a user's directories that is not YAML."""
         for _, path in self.files():
-            yield from unreadable(path)
+            yield from unreadable_file(path)
 
     def files(self) -> Iterator[tuple[Path, Path]]:
         """Yield every YAML file of the user's directories, behind its directory."""
@@ -134,15 +134,15 @@ def without_schema(name: str) -> str:
     return f"{one_line(name)}: has no schema; its defaults must start with `config`"
 
 
-def unreadable(path: Path) -> Iterator[str]:
+def unreadable_file(path: Path) -> Iterator[str]:
     """Yield the line of a file that is not YAML, with the line of the fault where there is one."""
     try:
         OmegaConf.load(path)
     except MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         place = f":{mark.line + 1}" if mark is not None else ""
-        yield f"{path}{place}: is not YAML: {one_line(error.problem or first_line(error))}"
+        yield f"{path}{place}: is not YAML: {one_line(error.problem or explanation(error))}"
     except UnicodeError as error:
         yield f"{path}: is not UTF-8: {one_line(str(error))}"
     except (YAMLError, OSError, *COMPOSITION_ERRORS) as error:
-        yield f"{path}: cannot be read: {one_line(first_line(error))}"
+        yield f"{path}: cannot be read: {one_line(explanation(error))}"

@@ -18,7 +18,7 @@ FORMULA = re.compile(r"all|([1-9]\d*\s*\*\s*)?n_jobs")
 MODES = ("RUN", "MULTIRUN")
 
 
-class Setting(NamedTuple):
+class HydraSetting(NamedTuple):
     """What a setting takes, as a test and in words; `later`: also what only a job can resolve."""
 
     takes: Callable[[Any], bool]
@@ -31,33 +31,37 @@ def counts(value: Any) -> bool:
     return (has_type(value, WHOLE) and value >= 1) or (isinstance(value, str) and value.isdigit() and int(value) >= 1)
 
 
-def is_text(value: Any) -> bool:
+def is_printable(value: Any) -> bool:
     """Tell whether a value is printable text."""
     return has_type(value, TEXT) and str(value).isprintable() and str(value).strip() != ""
 
 
 def is_place(value: Any) -> bool:
     """Tell whether a value names a directory that is there or can be made."""
-    return is_text(value) and (os.path.isdir(str(value)) or writable_directory(str(value)))
+    return is_printable(value) and (os.path.isdir(str(value)) or writable_directory(str(value)))
 
 
 ANYWHERE = {
-    "mode": Setting(lambda value: value is None or getattr(value, "name", value) in MODES, ", ".join(MODES)),
-    "run.dir": Setting(is_place, "a directory that can be written", later=True),
-    "sweep.dir": Setting(is_text, "a directory that can be written"),
-    "sweep.subdir": Setting(is_text, "printable text", later=True),
-    "output_subdir": Setting(lambda value: value is None or is_text(value), "printable text, or null"),
-    "sweeper.max_batch_size": Setting(lambda value: value is None or counts(value), "a whole number >= 1, or null"),
+    "mode": HydraSetting(lambda value: value is None or getattr(value, "name", value) in MODES, ", ".join(MODES)),
+    "run.dir": HydraSetting(is_place, "a directory that can be written", later=True),
+    "sweep.dir": HydraSetting(is_printable, "a directory that can be written"),
+    "sweep.subdir": HydraSetting(is_printable, "printable text", later=True),
+    "output_subdir": HydraSetting(lambda value: value is None or is_printable(value), "printable text, or null"),
+    "sweeper.max_batch_size": HydraSetting(
+        lambda value: value is None or counts(value), "a whole number >= 1, or null"
+    ),
 }
 OF_JOBLIB = {
-    "n_jobs": Setting(lambda value: has_type(value, WHOLE) and value != 0, "a whole number >= 1, or -1 for all cores"),
-    "require": Setting(lambda value: value is None, "null"),
-    "timeout": Setting(lambda value: value is None, "null; hydra/launcher=submitit_local has timeout_min"),
-    "pre_dispatch": Setting(
+    "n_jobs": HydraSetting(
+        lambda value: has_type(value, WHOLE) and value != 0, "a whole number >= 1, or -1 for all cores"
+    ),
+    "require": HydraSetting(lambda value: value is None, "null"),
+    "timeout": HydraSetting(lambda value: value is None, "null; hydra/launcher=submitit_local has timeout_min"),
+    "pre_dispatch": HydraSetting(
         lambda value: counts(value) or FORMULA.fullmatch(str(value)) is not None,
         "a whole number >= 1, all, n_jobs, or a multiple such as 2*n_jobs",
     ),
-    "batch_size": Setting(lambda value: counts(value) or value == "auto", "a whole number >= 1, or auto"),
+    "batch_size": HydraSetting(lambda value: counts(value) or value == "auto", "a whole number >= 1, or auto"),
 }
 
 

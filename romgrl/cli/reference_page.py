@@ -24,10 +24,10 @@ def render() -> str:
     config = compose_config()
     keys = schema_keys()
     groups = list(dict.fromkeys(name.rpartition(".")[0] for name in keys))
-    return "\n".join([HEAD, *(section(group, keys, config) for group in groups)])
+    return "\n".join([HEAD, *(group_section(group, keys, config) for group in groups)])
 
 
-def section(group: str, keys: dict[str, Field[Any]], config: Config) -> str:
+def group_section(group: str, keys: dict[str, Field[Any]], config: Config) -> str:
     """One group: what it is, its choices, and a table of its keys."""
     doc = (type(getattr(config, group)) if group else Config).__doc__ or ""
     lines = [f"## {group or 'Top level'}", "", " ".join(doc.split()), ""]

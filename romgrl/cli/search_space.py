@@ -15,10 +15,10 @@ DIGITS = 4  # significant; what is written down of a point is the point
 
 def register() -> None:
     """Tell OmegaConf the word `draw`."""
-    OmegaConf.register_new_resolver("draw", draw, replace=True)
+    OmegaConf.register_new_resolver("draw", random_value, replace=True)
 
 
-def draw(seed: int, name: str, low: float, high: float, scale: str = "linear") -> float:
+def random_value(seed: int, name: str, low: float, high: float, scale: str = "linear") -> float:
     """A number in [low, high], uniform in itself or, with scale `log`, in its logarithm. Raises ValueError."""
     if not low < high or scale not in ("linear", "log") or (scale == "log" and low <= 0):
         raise ValueError(f"draw needs low < high (above 0 for log) and linear or log, not {low}, {high}, {scale}")

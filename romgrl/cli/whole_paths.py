@@ -17,7 +17,7 @@ PATHS = ("paths.outputs", "humanoid.xml", "hydra.run.dir", "hydra.sweep.dir")
 ADDRESSES = ("tracking.uri",)
 
 
-def settle(config: DictConfig) -> None:
+def make_whole(config: DictConfig) -> None:
     """Rewrite every path in a configuration that Hydra has just composed, in place."""
     for key in (*PATHS, *ADDRESSES):
         group, _, leaf = key.rpartition(".")
@@ -28,12 +28,12 @@ def settle(config: DictConfig) -> None:
         written = node._get_node(leaf) if isinstance(node, DictConfig) else None
         text = written._value() if written is not None else None
         if isinstance(text, str) and text.isprintable() and text.strip() and not text.startswith("???"):
-            rewritten = absolute_address(text) if key in ADDRESSES else whole(text, node, leaf)
+            rewritten = absolute_address(text) if key in ADDRESSES else whole_path(text, node, leaf)
             if rewritten != text:
                 node[leaf] = rewritten
 
 
-def whole(text: str, node: DictConfig, leaf: str) -> str:
+def whole_path(text: str, node: DictConfig, leaf: str) -> str:
     """A path from the root on; one that starts with an interpolation keeps it: jobs resolve it anew."""
     if not text.startswith("${"):
         return absolute(text)

@@ -151,7 +151,7 @@ def bad_value(key: str, value: Any) -> str:
     line = refusal(key, repr(value) if quoted else value, allowed(entry))
     if key == "experiment" and isinstance(value, dict):
         return f"{line}; the first line of a preset is `# @package _global_`"
-    return line + nearest(show(value), entry.metadata["choices"])
+    return line + suggestion(show(value), entry.metadata["choices"])
 
 
 def is_plain_scalar(text: str) -> bool:
@@ -163,7 +163,7 @@ def is_plain_scalar(text: str) -> bool:
     return True
 
 
-def nearest(name: str, choices: Iterable[str]) -> str:
+def suggestion(name: str, choices: Iterable[str]) -> str:
     """Ask for the choice that is close to a misspelt one, or say nothing."""
     close = difflib.get_close_matches(name[:LONGEST], list(choices), n=1)
     return f" (did you mean {close[0]}?)" if close else ""

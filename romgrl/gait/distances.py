@@ -52,7 +52,7 @@ class Teacher:
         return np.asarray((windows - self.mean) / self.deviation)
 
 
-def distance_table(*, reference: Gait, student: Gait, baseline: Gait, window: int, seed: int) -> pd.DataFrame:
+def measure_distances(*, reference: Gait, student: Gait, baseline: Gait, window: int, seed: int) -> pd.DataFrame:
     """distances.csv: one row per distance and channel.
 
     baseline, student: distance of the scored windows, the last `window` steps of the episodes without a fall, from the

@@ -71,7 +71,7 @@ def stride_length(row: Mapping[str, float]) -> float:
     return row["steady_speed_m_per_s"] / rate if rate > 0 else float("nan")
 
 
-def verdict(row: Mapping[str, float], speed: float) -> str:
+def human_verdict(row: Mapping[str, float], speed: float) -> str:
     """One line: which numbers of a row of gait.csv are human at this speed, and which are not."""
     known, off = bands(speed), outside(row, speed)
     if not known:

@@ -24,7 +24,7 @@ from romgrl.runtime import signals
 from romgrl.runtime.cores import available_cores
 from romgrl.runtime.stage_log import WIDEST_TABLE, make_bars, make_console
 from romgrl.tracking.journal import redacted
-from romgrl.tracking.recorder import SYSTEM_METRICS, jobs_address, open_recorder, sync, ui_command
+from romgrl.tracking.recorder import SYSTEM_METRICS, bring_journals, jobs_address, open_recorder, ui_command
 
 WORKERS = 2  # the graph has no three stages that do not need each other
 LOOK_SECONDS = 0.1  # between two looks at whether a signal has come
@@ -72,7 +72,7 @@ def run(
     try:
         with job.bars:
             run_stages(job)
-        describe(job, title)  # first: the UI shows the numbers of a run in the order in which they came
+        describe_run(job, title)  # first: the UI shows the numbers of a run in the order in which they came
         job.record_reuse()
         tracked.metrics(job.numbers(), 0)
         status = "FINISHED"
@@ -94,7 +94,7 @@ def run(
     return job.finished
 
 
-def describe(job: Job, title: str) -> None:
+def describe_run(job: Job, title: str) -> None:
     """Give the job's run its description and the numbers that the UI shows first."""
     numbers = headline(job.numbers())
     if {"teacher", "student", "baseline"} <= job.manifests.keys():
@@ -106,7 +106,7 @@ def describe(job: Job, title: str) -> None:
 def bring_the_rest(config: Config, name: str, console: Console) -> dict[str, Path]:
     """Send MLflow what earlier jobs could not, and print what that was; to another experiment if `name` gives one."""
     experiment = config.tracking.experiment if "tracking.experiment=" in name else None
-    for line in sync(config.tracking.uri, Path(config.paths.outputs), experiment):
+    for line in bring_journals(config.tracking.uri, Path(config.paths.outputs), experiment):
         console.print(line, markup=False, highlight=False, soft_wrap=True)
     return {}
 
@@ -174,7 +174,7 @@ def run_side_by_side(job: Job, stages: Sequence[str], threads: Mapping[str, int]
             wait_for_first(futures.values())
         finally:
             end(job, workers, futures.values())
-    signals.check()
+    signals.raise_pending()
     raise_first([future.exception() for future in futures.values()])
 
 

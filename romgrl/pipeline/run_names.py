@@ -25,15 +25,15 @@ def stage_title(stage: str, config: Config, overrides: Overrides) -> str:
         for key, value in settings(overrides).items()
         if any(key == root or key.startswith(f"{root}.") or root.startswith(f"{key}.") for root in roots)
     }
-    return joined(stage, knobs, stage_config(stage, config), chosen)
+    return title_of(stage, knobs, stage_config(stage, config), chosen)
 
 
 def job_title(name: str, config: Config, overrides: Overrides) -> str:
     """`job v=4 eta=0.5 noise=0.05 s=0` and what else was chosen; `name` where the job was given one."""
-    return joined(name if "=" not in name else "job", KNOBS, config, settings(overrides))
+    return title_of(name if "=" not in name else "job", KNOBS, config, settings(overrides))
 
 
-def joined(first: str, knobs: Mapping[str, str], config: Config, chosen: Mapping[str, str]) -> str:
+def title_of(first: str, knobs: Mapping[str, str], config: Config, chosen: Mapping[str, str]) -> str:
     """A title of the knobs, and of the chosen settings that are none."""
     shown = [f"{label}={value_of(config, key):g}" for key, label in knobs.items()]
     rest = [f"{key}={value}" for key, value in chosen.items() if key not in KNOBS and key not in knobs]

@@ -184,7 +184,7 @@ def serve(connection: Connection) -> None:
             return
         outcome: BaseException | None = None
         try:
-            signals.check()  # the first signal, which came when nothing was left to interrupt
+            signals.raise_pending()  # the first signal, which came when nothing was left to interrupt
             with working_lock(output):
                 execute(entry, config, inputs, output, PipeLog(connection))
         except (KeyboardInterrupt, RomgrlError) as error:

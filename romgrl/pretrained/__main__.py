@@ -10,14 +10,21 @@ from dataclasses import replace
 from pathlib import Path
 
 from romgrl.artifacts import MANIFEST, Manifest, open_artifact, write_bytes
-from romgrl.cli.compose import COMPOSITION_ERRORS, compose_config, first_line
+from romgrl.cli.compose import COMPOSITION_ERRORS, compose_config, explanation
 from romgrl.config.schema import Config
 from romgrl.errors import ArtifactError, ConfigurationError, RomgrlError
 from romgrl.provenance import shipped
 from romgrl.provenance.stage_keys import stage_settings
-from romgrl.results.evaluation_index import LINEAGE, Evaluation, differing, evaluations, plain, shortened
+from romgrl.results.evaluation_index import (
+    LINEAGE,
+    FinishedEvaluation,
+    comparable,
+    differing,
+    evaluations,
+    first_reasons,
+)
 from romgrl.runtime.display import protect
-from romgrl.runtime.surroundings import settle
+from romgrl.runtime.surroundings import adapt_environment
 
 CARD = "MODEL_CARD.md"
 
@@ -28,7 +35,7 @@ def trained(config: Config) -> Config:
     return replace(config, teacher=teacher, student=student)
 
 
-def find(outputs: Path, config: Config) -> tuple[Evaluation, dict[str, Manifest]]:
+def find_evaluation(outputs: Path, config: Config) -> tuple[FinishedEvaluation, dict[str, Manifest]]:
     """The newest evaluation of a configuration, and what was trained for it.
 
     Raises ArtifactError with why others are not it.
@@ -44,7 +51,7 @@ def find(outputs: Path, config: Config) -> tuple[Evaluation, dict[str, Manifest]
                 manifests[stage] = nearest
         if not reasons:
             return evaluation, manifests
-        left_out[evaluation.directory] = shortened([*dict.fromkeys(reasons)])
+        left_out[evaluation.directory] = first_reasons([*dict.fromkeys(reasons)])
     others = [f"{path.name}: {reason}" for path, reason in left_out.items()]
     raise ArtifactError("\n".join([f"{outputs}: no evaluation with the settings of student=pretrained", *others]))
 
@@ -52,7 +59,7 @@ def find(outputs: Path, config: Config) -> tuple[Evaluation, dict[str, Manifest]
 def unlike(stage: str, manifest: Manifest, config: Config) -> list[str]:
     """In what an artifact differs from a configuration, such as `eta 0.3 instead of 0.5`; keys that came later do not
     count, as they do not in `shipped.other_settings`."""
-    wanted = plain(stage_settings(stage, config))
+    wanted = comparable(stage_settings(stage, config))
     return [text for key, text in differing(manifest.config, wanted) if key in wanted and key in manifest.config]
 
 
@@ -60,17 +67,19 @@ def ship(outputs: Path, config: Config) -> list[Path]:
     """Write the three artifacts, without what is about one machine or store, and the card; returns what was written."""
     from romgrl.pretrained.card import write_card  # imports Matplotlib, after `settle`
 
-    evaluation, manifests = find(outputs, config)
+    evaluation, manifests = find_evaluation(outputs, config)
     sources = {stage: outputs / "artifacts" / stage / manifest.key for stage, manifest in manifests.items()}
     for stage, source in sources.items():
         open_artifact(source, stage=stage, key=source.name)
     card, text = shipped.PLACE / CARD, write_card(evaluation, manifests)  # it may fail: before anything is replaced
-    written = [path for stage, manifest in manifests.items() for path in write(stage, manifest, sources[stage])]
+    written = [
+        path for stage, manifest in manifests.items() for path in write_artifact(stage, manifest, sources[stage])
+    ]
     write_bytes(card, text.encode())
     return [*written, card]
 
 
-def write(stage: str, manifest: Manifest, source: Path) -> list[Path]:
+def write_artifact(stage: str, manifest: Manifest, source: Path) -> list[Path]:
     """Put one artifact in the place of the one that ships now."""
     target = shipped.PLACE / stage
     shutil.rmtree(target, ignore_errors=True)
@@ -84,7 +93,7 @@ def write(stage: str, manifest: Manifest, source: Path) -> list[Path]:
 def main(arguments: Sequence[str]) -> int:
     """Ship and say what was written; the exit code of the failure otherwise."""
     protect()
-    settle()
+    adapt_environment()
     what = "Put teacher, student and baseline of the newest evaluation that fits into the package, with a model card."
     parser = ArgumentParser("python -m romgrl.pretrained", description=what)
     parser.add_argument("outputs", help="the directory of results, as in paths.outputs")
@@ -96,7 +105,7 @@ def main(arguments: Sequence[str]) -> int:
         config = trained(compose_config("student=pretrained", *chosen.settings))
         written = ship(Path(chosen.outputs).expanduser().resolve(), config)
     except COMPOSITION_ERRORS as error:
-        print(first_line(error), file=sys.stderr)
+        print(explanation(error), file=sys.stderr)
         return ConfigurationError.exit_code
     except RomgrlError as error:
         print(error, file=sys.stderr)

@@ -9,7 +9,7 @@ import pandas as pd
 from romgrl.artifacts import Manifest
 from romgrl.config.values import show
 from romgrl.report.tables import distance_table, error_table, gait_table, markdown
-from romgrl.results.evaluation_index import Evaluation
+from romgrl.results.evaluation_index import FinishedEvaluation
 from romgrl.runtime.stage_log import format_duration
 
 TEXT = """# Model card: the pretrained teacher, student and baseline of romgrl
@@ -54,7 +54,7 @@ MIT, as all of romgrl.
 """
 
 
-def write_card(evaluation: Evaluation, manifests: Mapping[str, Manifest]) -> str:
+def write_card(evaluation: FinishedEvaluation, manifests: Mapping[str, Manifest]) -> str:
     """The card in Markdown."""
     student, scored = manifests["student"].config, evaluation.manifest.config
     tables = {name: pd.read_csv(evaluation.directory / f"{name}.csv") for name in ("mse", "gait", "distances")}

@@ -48,7 +48,7 @@ def source_files(module: str, package: Path = PACKAGE, core: Path = CORE) -> dic
     waiting = [module]
     while waiting:
         name = waiting.pop()
-        path = find(name, root)
+        path = find_module(name, root)
         if path is None or name in files:
             continue
         files[name] = path
@@ -71,7 +71,7 @@ def extension_sources(name: str, core: Path) -> dict[str, Path]:
     return {f"cpp/{path.relative_to(core).as_posix()}": path for path in places if path.is_file()}
 
 
-def find(name: str, root: Path) -> Path | None:
+def find_module(name: str, root: Path) -> Path | None:
     """The file of a dotted name below `root`, Python or built extension; None for what is not a module of ours."""
     path = root.joinpath(*name.split("."))
     for candidate in (path.with_suffix(".py"), path / "__init__.py"):

@@ -44,7 +44,7 @@ class Facts:
     wall_times: Mapping[str, float]
 
 
-def write(
+def document(
     errors: pd.DataFrame,
     distances: pd.DataFrame,
     gaits: pd.DataFrame,
@@ -54,8 +54,8 @@ def write(
 ) -> str:
     """The whole document; pictures and films are names of files beside it."""
     parts = [
-        f"# Gait at {facts.speed:g} m/s\n\n{headline(errors, gaits)}\n",
-        setting(facts) + "\n",
+        f"# Gait at {facts.speed:g} m/s\n\n{summary(errors, gaits)}\n",
+        setup_of(facts) + "\n",
         f"## Error against the teacher\n\n{markdown(error_table(errors))}\n{remarks(errors)}",
         "## Distance from the teacher\n\nBy measures that no training has seen.\n\n"
         + markdown(distance_table(distances)),
@@ -72,7 +72,7 @@ def write(
     return "\n".join(parts)
 
 
-def setting(facts: Facts) -> str:
+def setup_of(facts: Facts) -> str:
     """What was trained and how it was measured."""
     return (
         f"Student: eta = {facts.eta:g}, noise = {facts.noise:g}; teacher trained for {facts.teacher_speed:g} m/s; "
@@ -93,7 +93,7 @@ def humans(speed: float) -> str:
     return markdown(table) if len(table) else f"No published numbers are kept for {speed:g} m/s.\n"
 
 
-def headline(errors: pd.DataFrame, gaits: pd.DataFrame) -> str:
+def summary(errors: pd.DataFrame, gaits: pd.DataFrame) -> str:
     """The result in two sentences."""
     rows = gaits.set_index("walker")
     said = [

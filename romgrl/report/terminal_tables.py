@@ -37,7 +37,11 @@ SHOWN = ("baseline", "student", "reduction_percent")
 
 def result_tables(evaluation: Path) -> list[Table]:
     """Tables of errors, distances and gaits; none where the evaluation has no such file."""
-    makers = {"mse.csv": error_table, "distances.csv": distance_table, "gait.csv": gait_table}
+    makers = {
+        "mse.csv": terminal_error_table,
+        "distances.csv": terminal_distance_table,
+        "gait.csv": terminal_gait_table,
+    }
     found = {name: read_rows(evaluation / name) for name in makers}
     return [makers[name](rows) for name, rows in found.items() if rows]
 
@@ -110,7 +114,7 @@ def read_rows(path: Path) -> Rows:
     return list(csv.DictReader(path.read_text(encoding="utf-8").splitlines())) if path.is_file() else []
 
 
-def error_table(rows: Rows) -> Table:
+def terminal_error_table(rows: Rows) -> Table:
     """One row per channel: baseline, student and reduction, aligned and raw; notes below."""
     notes = dict.fromkeys(row["note"] for row in rows if row.get("note", "ok") != "ok")
     table = Table(title="Error against the reference (m^2)", title_justify="left", caption="\n".join(notes) or None)
@@ -125,7 +129,7 @@ def error_table(rows: Rows) -> Table:
     return table
 
 
-def distance_table(rows: Rows) -> Table:
+def terminal_distance_table(rows: Rows) -> Table:
     """One row per distance, all channels together."""
     table = Table(title="Distance from the reference", title_justify="left")
     table.add_column("distance", no_wrap=True)
@@ -137,7 +141,7 @@ def distance_table(rows: Rows) -> Table:
     return table
 
 
-def gait_table(rows: Rows) -> Table:
+def terminal_gait_table(rows: Rows) -> Table:
     """One column per walker, one row per number."""
     table = Table(title="Gait", title_justify="left")
     table.add_column("")

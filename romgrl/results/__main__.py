@@ -9,7 +9,7 @@ from pathlib import Path
 
 from romgrl.errors import RomgrlError
 from romgrl.runtime.display import protect
-from romgrl.runtime.surroundings import settle
+from romgrl.runtime.surroundings import adapt_environment
 
 
 def directory(text: str) -> Path:
@@ -26,7 +26,7 @@ def main(arguments: Sequence[str]) -> int:
     readme = "a file: the table of the paper's sweep goes between its <!-- results --> and <!-- end of results -->"
     parser.add_argument("readme", type=Path, nargs="?", help=readme)
     chosen = parser.parse_args(arguments)
-    settle()  # before Matplotlib is imported
+    adapt_environment()  # before Matplotlib is imported
     from romgrl.results.readme_table import write_readme
     from romgrl.results.results_document import write_document
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from romgrl.results.evaluation_index import Evaluation
+from romgrl.results.evaluation_index import FinishedEvaluation
 from romgrl.results.statistics import (
     Interval,
     improvement_interval,
@@ -94,7 +94,7 @@ def claims_for(settings: Mapping[str, Any], claims: Sequence[Claim]) -> list[Cla
     ]
 
 
-def find(claim: Claim, evaluations: Sequence[Evaluation]) -> Finding:
+def finding_of(claim: Claim, evaluations: Sequence[FinishedEvaluation]) -> Finding:
     """Compare a claim with evaluations of different seeds."""
     values = column(evaluations, claim.measure)
     if claim.than is None:
@@ -131,7 +131,7 @@ def decide(claim: Claim, estimate: float, ends: Interval, values: Sequence[float
     return TOO_SHORT if brief else YES[claim.of]
 
 
-def column(evaluations: Sequence[Evaluation], measure: str) -> list[float]:
+def column(evaluations: Sequence[FinishedEvaluation], measure: str) -> list[float]:
     """A number of each evaluation; nan where it has none."""
     return [each.numbers.get(measure, math.nan) for each in evaluations]
 

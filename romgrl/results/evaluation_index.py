@@ -26,7 +26,7 @@ Settings = dict[str, Any]
 
 
 @dataclass(frozen=True)
-class Evaluation:
+class FinishedEvaluation:
     """A verified evaluation. `lineage`: the manifests of each stage that it may come from.
 
     There are several where settings or code differ and yet every bit is the same.
@@ -48,7 +48,7 @@ class Evaluation:
         return (self.directory / "manifest.json").stat().st_mtime
 
 
-def evaluations(outputs: Path) -> tuple[list[Evaluation], dict[Path, str]]:
+def evaluations(outputs: Path) -> tuple[list[FinishedEvaluation], dict[Path, str]]:
     """Every evaluation under `outputs` that is whole, oldest first, and why others are not."""
     known, found, left_out = catalogue(outputs), [], {}
     for path in sorted(outputs.glob("artifacts/evaluation/*/manifest.json")):
@@ -59,14 +59,14 @@ def evaluations(outputs: Path) -> tuple[list[Evaluation], dict[Path, str]]:
     return sorted(found, key=lambda each: (each.finished_at, each.directory.name)), left_out
 
 
-def read_evaluation(directory: Path, known: Catalogue) -> Evaluation:
+def read_evaluation(directory: Path, known: Catalogue) -> FinishedEvaluation:
     """Verify an evaluation and read its numbers. Raises ArtifactError."""
     manifest = open_artifact(directory, stage="evaluation")
     numbers, lineage = result_metrics(directory), trace(manifest, known)
     for teacher in lineage.get("teacher", [])[:1]:
         own = result_metrics(directory.parent.with_name("teacher") / teacher.key)
         numbers |= {f"{TEACHER}/{name.partition('/')[2]}": value for name, value in own.items()}
-    return Evaluation(directory, manifest, lineage, with_weakest(numbers) | derived(numbers))
+    return FinishedEvaluation(directory, manifest, lineage, with_weakest(numbers) | derived(numbers))
 
 
 def derived(numbers: Mapping[str, float]) -> dict[str, float]:
@@ -102,12 +102,12 @@ def trace(manifest: Manifest, known: Catalogue) -> dict[str, list[Manifest]]:
     return lineage
 
 
-def differences(evaluation: Evaluation, config: Config) -> list[str]:
+def differences(evaluation: FinishedEvaluation, config: Config) -> list[str]:
     """In what an evaluation differs from a configuration with its seed, such as `eta 0.3 instead of 0.5`."""
     found: dict[str, str] = {}
     for stage in LINEAGE:
-        wanted = plain(stage_settings(stage, config)) | {"seed": evaluation.manifest.seed}
-        candidates = [dict(differing(plain(each.config), wanted)) for each in evaluation.lineage.get(stage, [])]
+        wanted = comparable(stage_settings(stage, config)) | {"seed": evaluation.manifest.seed}
+        candidates = [dict(differing(comparable(each.config), wanted)) for each in evaluation.lineage.get(stage, [])]
         if not candidates:
             found[stage] = f"its {stage} is not there any more"
         else:
@@ -126,12 +126,12 @@ def differing(had: Settings, wanted: Settings) -> Iterator[tuple[str, str]]:
             yield key, f"{key} {show(had[key])} instead of {show(wanted[key])}"
 
 
-def plain(settings: Mapping[str, Any]) -> Settings:
+def comparable(settings: Mapping[str, Any]) -> Settings:
     """Settings as a manifest reads them back."""
     return dict(json.loads(json.dumps(settings)))
 
 
-def shortened(reasons: list[str]) -> str:
+def first_reasons(reasons: list[str]) -> str:
     """The first reasons, and how many more there are."""
     more = len(reasons) - SHOWN_DIFFERENCES
     return ", ".join(reasons[:SHOWN_DIFFERENCES]) + (f" and {more} more" if more > 0 else "")
@@ -141,7 +141,7 @@ def shortened(reasons: list[str]) -> str:
 class Selection:
     """The evaluations of one configuration, one per seed, and why the others of the directory are not among them."""
 
-    used: list[Evaluation]
+    used: list[FinishedEvaluation]
     left_out: dict[Path, str]
 
     @property
@@ -150,7 +150,7 @@ class Selection:
         return [each.manifest.seed for each in self.used]
 
 
-def codes(evaluations: Sequence[Evaluation]) -> int:
+def codes(evaluations: Sequence[FinishedEvaluation]) -> int:
     """By how many versions of code and libraries evaluations were made."""
     return len({(each.manifest.revision, json.dumps(each.manifest.versions, sort_keys=True)) for each in evaluations})
 
@@ -158,12 +158,12 @@ def codes(evaluations: Sequence[Evaluation]) -> int:
 def select(outputs: Path, config: Config) -> Selection:
     """The evaluations whose settings are those of a configuration but for the seed; of two of a seed, the newer one."""
     found, left_out = evaluations(outputs)
-    by_seed: dict[int, Evaluation] = {}
+    by_seed: dict[int, FinishedEvaluation] = {}
     for evaluation in found:
         reasons = differences(evaluation, config)
         seed = evaluation.manifest.seed
         if reasons:
-            left_out[evaluation.directory] = shortened(reasons)
+            left_out[evaluation.directory] = first_reasons(reasons)
             continue
         if seed in by_seed:
             left_out[by_seed[seed].directory] = f"there is a newer one of seed {seed}, made by other code"

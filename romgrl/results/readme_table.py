@@ -66,11 +66,11 @@ def runs_table(jobs: Sequence[JobResult]) -> pd.DataFrame:
         title = f"{speed:g} m/s, {seeds} seed{'s' if seeds > 1 else ''}"
         title += f", teacher of {taught:g} m/s" if taught != speed else ""
         title += ", short budget" if any(each.short for each in several) else ""
-        table[title] = [spread(several, name, decimals) for name, (_, decimals) in ROWS.items()]
+        table[title] = [mean_and_range(several, name, decimals) for name, (_, decimals) in ROWS.items()]
     return pd.DataFrame(table)
 
 
-def spread(jobs: Sequence[JobResult], name: str, decimals: int) -> str:
+def mean_and_range(jobs: Sequence[JobResult], name: str, decimals: int) -> str:
     """The mean of a number over jobs, and in brackets its smallest and largest value."""
     values = pd.Series([each.numbers.get(name) for each in jobs], dtype=float)
     mean, low, high = (fixed(float(value), decimals) for value in (values.mean(), values.min(), values.max()))

@@ -12,12 +12,12 @@ import pandas as pd
 
 from romgrl.errors import ArtifactError
 from romgrl.report.tables import markdown
-from romgrl.results.claims import claims_for, find, read_claims
-from romgrl.results.evaluation_index import Evaluation, codes
+from romgrl.results.claims import claims_for, finding_of, read_claims
+from romgrl.results.evaluation_index import FinishedEvaluation, codes
 from romgrl.results.sweep_cells import JobResult, results
 from romgrl.results.sweep_record import Sweep, settings, sweeps
 from romgrl.results.sweep_tables import failures, write_tables
-from romgrl.results.verify import baseline_sheet, claims_sheet, counted, errors_sheet, warnings
+from romgrl.results.verify import baseline_sheet, claims_sheet, errors_sheet, plural, warnings
 
 PAPER = "paper"
 CLAIMED = (PAPER, "walking")  # the sweeps whose cells the claims are compared with
@@ -45,7 +45,7 @@ def write_document(outputs: Path, docs: Path) -> list[Path]:
     text = [HEAD]
     for sweep in sorted(found, key=lambda each: (each.name != PAPER, each.title)):
         jobs = results(sweep, outputs)
-        text += section(sweep, jobs, outputs, directory)
+        text += results_section(sweep, jobs, outputs, directory)
     (docs / "results.md").write_text("\n".join(text), encoding="utf-8")
     return [docs / "results.md", *sorted(directory.iterdir())]
 
@@ -65,7 +65,7 @@ def merged(found: Sequence[Sweep]) -> list[Sweep]:
     return list(by_title.values())
 
 
-def section(sweep: Sweep, jobs: list[JobResult], outputs: Path, directory: Path) -> list[str]:
+def results_section(sweep: Sweep, jobs: list[JobResult], outputs: Path, directory: Path) -> list[str]:
     """A sweep: command, machine, claims where it is the paper's, joint table, figures, and the proof of each job."""
     slug = sweep.title.replace(" ", "_").replace(",", "").replace(".", "_")
     prefix = f"{slug}_"
@@ -110,11 +110,11 @@ def provenance(sweep: Sweep, jobs: Sequence[JobResult]) -> str:
         for several in evaluation.lineage.values()
     }
     machine = sweep.machine
-    text = f"{done} of {counted(len(jobs), 'job')} finished. Machine: {machine.get('processor', 'unknown')}, "
+    text = f"{done} of {plural(len(jobs), 'job')} finished. Machine: {machine.get('processor', 'unknown')}, "
     text += f"{machine.get('cores_used', '?')} of {machine.get('cores', '?')} cores, {machine.get('system', '')}. "
     if made:
         text += (
-            f"Their {counted(len(made), 'artifact')} took {sum(made.values()) / 60:.0f} minutes, one after the other. "
+            f"Their {plural(len(made), 'artifact')} took {sum(made.values()) / 60:.0f} minutes, one after the other. "
         )
         versions = evaluations[0].manifest.versions
         text += "Versions: " + ", ".join(f"{name} {number}" for name, number in sorted(versions.items())) + "."
@@ -147,10 +147,10 @@ def remarks(cell: Sequence[JobResult]) -> list[str]:
     return [" ".join(lines), ""]
 
 
-def claim_tables(evaluations: list[Evaluation], directory: Path) -> list[str]:
+def claim_tables(evaluations: list[FinishedEvaluation], directory: Path) -> list[str]:
     """Claims, errors, spread of the baseline and warnings; each table as CSV, too."""
     of = evaluations[0].settings
-    findings = [find(claim, evaluations) for claim in claims_for(of, read_claims())]
+    findings = [finding_of(claim, evaluations) for claim in claims_for(of, read_claims())]
     sheets = [claims_sheet(findings), errors_sheet(evaluations), baseline_sheet(evaluations)]
     text = []
     for part, sheet in zip(PARTS, sheets, strict=True):

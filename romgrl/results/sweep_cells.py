@@ -16,7 +16,7 @@ from romgrl.errors import ArtifactError
 from romgrl.gait.features import CHANNELS
 from romgrl.gait.measures import SWEPT
 from romgrl.report.terminal_tables import result_metrics, robustness_metrics, with_falls
-from romgrl.results.evaluation_index import TEACHER, Catalogue, Evaluation, catalogue, read_evaluation
+from romgrl.results.evaluation_index import TEACHER, Catalogue, FinishedEvaluation, catalogue, read_evaluation
 from romgrl.results.statistics import improvement_interval, probability_of_improvement, summarize
 from romgrl.results.sweep_record import JobEnd, Sweep, settings
 
@@ -41,7 +41,7 @@ class JobResult:
     swept: dict[str, str]
     end: JobEnd
     numbers: dict[str, float]
-    evaluation: Evaluation | None = None
+    evaluation: FinishedEvaluation | None = None
     error: str | None = None
     short: tuple[str, ...] = ()
 
@@ -119,7 +119,7 @@ def jobs_table(found: list[JobResult]) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def training_seconds(evaluation: Evaluation) -> float:
+def training_seconds(evaluation: FinishedEvaluation) -> float:
     """Wall time of all stages behind an evaluation, one after the other, on the machine that made them."""
     return sum(several[0].wall_time for several in evaluation.lineage.values())
 

@@ -106,7 +106,7 @@ def against(
             offset = (index - (len(lines) - 1) / 2) * 0.012 * spread([*places.values()])
             name = ", ".join(f"{other}={value}" for other, value in chosen.items()) if several else who
             name = name if axes is plots[0] or not several else ""
-            draw(axes, pick(cells, chosen), pick(jobs, chosen), key, measure, places, offset, color, style, name)
+            draw_line(axes, pick(cells, chosen), pick(jobs, chosen), key, measure, places, offset, color, style, name)
         if not numeric(cells[key]):
             axes.set_xticks([*places.values()], values, rotation=30, ha="right")
         if axes.get_legend_handles_labels()[1] and (len(measures) > 1 or len(lines) > 1):
@@ -129,7 +129,7 @@ def pick(table: pd.DataFrame, chosen: dict[str, str]) -> pd.DataFrame:
     return table
 
 
-def draw(
+def draw_line(
     axes: Axes,
     cells: pd.DataFrame,
     jobs: pd.DataFrame,

@@ -54,12 +54,12 @@ def write_tables(sweep: Sweep, found: list[JobResult], outputs: Path, directory:
     jobs.to_csv(directory / "jobs.csv", index=False)
     cells.to_csv(directory / "cells.csv", index=False)
     if set(cells.get("number", ())) & DRAWN:
-        draw(cells, jobs, sweep.title, directory)
+        save_figures(cells, jobs, sweep.title, directory)
     text = write_disturbances(found, outputs, directory) or [joint_table(cells)]
     return text, [path for path in sorted(directory.iterdir()) if path.suffix in (".csv", ".png")]
 
 
-def draw(cells: pd.DataFrame, jobs: pd.DataFrame, title: str, directory: Path) -> None:
+def save_figures(cells: pd.DataFrame, jobs: pd.DataFrame, title: str, directory: Path) -> None:
     """Save the figures; matplotlib takes a second to import."""
     from romgrl.report.style import save
     from romgrl.results.sweep_figures import figures

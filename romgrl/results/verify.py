@@ -20,11 +20,11 @@ from romgrl.results.claims import (
     Finding,
     claims_for,
     column,
-    find,
+    finding_of,
     known,
     read_claims,
 )
-from romgrl.results.evaluation_index import Evaluation, Selection, codes, select
+from romgrl.results.evaluation_index import FinishedEvaluation, Selection, codes, select
 from romgrl.results.statistics import (
     Interval,
     improvement_interval,
@@ -51,8 +51,8 @@ def verify(config: Config, command: Sequence[str]) -> list[str | Sheet]:
     if not selection.used:
         why = f" ({len(selection.left_out)} with other settings or damaged)" if selection.left_out else ""
         raise ArtifactError(f"{outputs}: no finished evaluation of this configuration{why}; {making} makes it")
-    findings = [find(claim, selection.used) for claim in claims_for(selection.used[0].settings, read_claims())]
-    lines: list[str | Sheet] = [*provenance(config, selection)]
+    findings = [finding_of(claim, selection.used) for claim in claims_for(selection.used[0].settings, read_claims())]
+    lines: list[str | Sheet] = [*origin_lines(config, selection)]
     if findings:
         lines.append(claims_sheet(findings))
     else:
@@ -63,11 +63,11 @@ def verify(config: Config, command: Sequence[str]) -> list[str | Sheet]:
     return lines
 
 
-def provenance(config: Config, selection: Selection) -> list[str]:
+def origin_lines(config: Config, selection: Selection) -> list[str]:
     """Which evaluations count, and why others do not."""
     first, directory = selection.used[0].settings, selection.used[0].directory.parent
     episodes = f"{first['evaluation.episodes']} episodes of {first['evaluation.steps']} steps"
-    seeds = counted(len(selection.used), "seed")
+    seeds = plural(len(selection.used), "seed")
     lines = [f"verify: {config.speed:g} m/s, {seeds}, {episodes}, evaluations in {directory}"]
     for evaluation in selection.used:
         manifest = evaluation.manifest
@@ -76,7 +76,7 @@ def provenance(config: Config, selection: Selection) -> list[str]:
     reasons = Counter(selection.left_out.values()).most_common()
     for reason, count in reasons[:LISTED]:
         keys = [path.name for path, why in selection.left_out.items() if why == reason]
-        lines.append(f"left out: {keys[0] if count == 1 else counted(count, 'evaluation')}: {reason}")
+        lines.append(f"left out: {keys[0] if count == 1 else plural(count, 'evaluation')}: {reason}")
     if len(reasons) > LISTED:
         lines.append(f"left out: {sum(count for _, count in reasons[LISTED:])} evaluations for other reasons")
     return lines
@@ -97,7 +97,7 @@ def claims_sheet(findings: Sequence[Finding]) -> Sheet:
     return Sheet("Claims; in brackets the 95 % interval over seeds", columns, rows, names)
 
 
-def errors_sheet(evaluations: Sequence[Evaluation]) -> Sheet:
+def errors_sheet(evaluations: Sequence[FinishedEvaluation]) -> Sheet:
     """Errors aligned and raw, their reduction as mean and interquartile mean, and the probability of improvement."""
     rows = []
     for alignment in ALIGNMENTS:
@@ -119,7 +119,7 @@ def errors_sheet(evaluations: Sequence[Evaluation]) -> Sheet:
     return Sheet("Error against the reference, mean over seeds (m²)", columns, rows, ("channel",))
 
 
-def baseline_sheet(evaluations: Sequence[Evaluation]) -> Sheet:
+def baseline_sheet(evaluations: Sequence[FinishedEvaluation]) -> Sheet:
     """How far the baseline's aligned error spreads over the seeds."""
     rows = []
     for channel in (*CHANNELS, "average"):
@@ -130,7 +130,7 @@ def baseline_sheet(evaluations: Sequence[Evaluation]) -> Sheet:
     return Sheet("Baseline's aligned error over seeds (m²)", columns, rows, ("channel",))
 
 
-def warnings(evaluations: Sequence[Evaluation]) -> list[str]:
+def warnings(evaluations: Sequence[FinishedEvaluation]) -> list[str]:
     """What makes the numbers above say less than they seem to."""
     lines = []
     summaries = {
@@ -153,7 +153,7 @@ def warnings(evaluations: Sequence[Evaluation]) -> list[str]:
     return lines
 
 
-def counted(number: int, noun: str) -> str:
+def plural(number: int, noun: str) -> str:
     """`1 seed`, `2 seeds`."""
     return f"{number} {noun}{'' if number == 1 else 's'}"
 

@@ -28,7 +28,7 @@ def protect() -> None:
     for descriptor, name in STREAMS.items():
         stream = getattr(sys, name)
         if stream is getattr(sys, f"__{name}__") and not isinstance(getattr(stream, "buffer", None), Guarded):
-            guarded = guard(stream, Guarded(descriptor, reachable=stream is not None or descriptor in missing))
+            guarded = guard_stream(stream, Guarded(descriptor, reachable=stream is not None or descriptor in missing))
             setattr(sys, name, guarded)
             setattr(sys, f"__{name}__", guarded)
 
@@ -59,7 +59,7 @@ def without_waiting(terminal: int) -> int:
         return terminal
 
 
-def guard(stream: TextIO | None, raw: Guarded) -> TextIO:
+def guard_stream(stream: TextIO | None, raw: Guarded) -> TextIO:
     """A text stream that never fails, with the encoding and the buffering of another; None: there was none."""
     if stream is None:
         raw.lose("is closed")

@@ -106,7 +106,7 @@ def pending() -> bool:
     return _pending is not None
 
 
-def check() -> None:
+def raise_pending() -> None:
     """Raise Interrupted if a signal has come and was kept back."""
     if _pending is not None:
         raise Interrupted(_pending)

@@ -14,7 +14,7 @@ from urllib.request import getproxies_environment, proxy_bypass
 LOOPBACK = ("localhost", "127.0.0.1", "::1")
 
 
-def settle(environment: MutableMapping[str, str] = os.environ) -> None:
+def adapt_environment(environment: MutableMapping[str, str] = os.environ) -> None:
     """Keep out what would stop a command and says nothing about it: warnings as errors, windows, proxies to itself."""
     if "error" in environment.get("PYTHONWARNINGS", ""):
         del environment["PYTHONWARNINGS"]  # a library that warns would end the work

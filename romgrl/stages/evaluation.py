@@ -15,7 +15,7 @@ from romgrl.artifacts import save_arrays
 from romgrl.config.schema import Config
 from romgrl.errors import ConfigurationError
 from romgrl.gait.alignment import aligned_phase_lag, mse_table
-from romgrl.gait.distances import distance_table
+from romgrl.gait.distances import measure_distances
 from romgrl.gait.features import CHANNELS, Gait, gait_from_reference, gait_from_rollouts, until_first_fall
 from romgrl.gait.metrics import describe
 from romgrl.humanoid.joint_power import replay
@@ -58,12 +58,12 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
     teacher, student, baseline = (gaits[name] for name in ("teacher", *WALKERS))
     compared = {"reference": teacher, "student": student, "baseline": baseline}
     errors = mse_table(**compared, window=evaluation.window)
-    distances = distance_table(**compared, window=evaluation.window, seed=config.seed)
-    table = gait_table(gaits, speeds, mass=env.dimensions.mass, window=evaluation.window)
+    distances = measure_distances(**compared, window=evaluation.window, seed=config.seed)
+    table = describe_walkers(gaits, speeds, mass=env.dimensions.mass, window=evaluation.window)
     errors.to_csv(output / "mse.csv", index=False)
     distances.to_csv(output / "distances.csv", index=False)
     table.to_csv(output / "gait.csv", index=False)
-    report(errors, table, log)
+    log_summary(errors, table, log)
 
 
 def roll_out(
@@ -105,7 +105,9 @@ def roll_out(
     }
 
 
-def gait_table(gaits: Mapping[str, Gait], speeds: Mapping[str, float], *, mass: float, window: int) -> pd.DataFrame:
+def describe_walkers(
+    gaits: Mapping[str, Gait], speeds: Mapping[str, float], *, mass: float, window: int
+) -> pd.DataFrame:
     """gait.csv: one row per walker, phase lag included."""
     rows = []
     for name, gait in gaits.items():
@@ -119,7 +121,7 @@ def _progress(log: StageLog, done: int, total: int, step: int) -> None:
     log.progress(done + step, total)
 
 
-def report(errors: pd.DataFrame, table: pd.DataFrame, log: StageLog) -> None:
+def log_summary(errors: pd.DataFrame, table: pd.DataFrame, log: StageLog) -> None:
     """One line per walker and one for the error."""
     rows = table.set_index("walker")
     for name in WALKERS:

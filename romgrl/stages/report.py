@@ -43,7 +43,7 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
     errors = read_table(inputs["evaluation"] / "mse.csv", ERROR_COLUMNS)
     distances = read_table(inputs["evaluation"] / "distances.csv", DISTANCE_COLUMNS)
     gaits = read_table(inputs["evaluation"] / "gait.csv", GAIT_COLUMNS)
-    pictures = draw(config, inputs, rollouts, errors)
+    pictures = draw_figures(config, inputs, rollouts, errors)
     pictures["gait"] = human_band_figure.gait_bands(gaits, config.speed)
     states = {name: rollouts[f"{name}_states"] for name in WALKERS}
     rates = dict(zip(gaits.walker, gaits.stride_frequency_hz, strict=True))
@@ -66,15 +66,15 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
     (output / "gait.md").write_text(tables.markdown(tables.gait_table(gaits)), encoding="utf-8")
     facts = collect_facts(config, inputs)
     (output / "report.md").write_text(
-        markdown_report.write(errors, distances, gaits, facts, list(pictures), films), encoding="utf-8"
+        markdown_report.document(errors, distances, gaits, facts, list(pictures), films), encoding="utf-8"
     )
     report_page.write_page(
         config, inputs, output, model=model, rollouts=rollouts, errors=errors, gaits=gaits, facts=facts
     )
-    log.message(markdown_report.headline(errors, gaits))
+    log.message(markdown_report.summary(errors, gaits))
 
 
-def draw(
+def draw_figures(
     config: Config, inputs: Mapping[str, Path], rollouts: Mapping[str, NDArray[Any]], errors: pd.DataFrame
 ) -> dict[str, Figure]:
     """The figures that need no simulation, by the names of their files."""

@@ -52,13 +52,13 @@ def write_page(
     sections = gait_charts(tracks, there, teacher.dt) | curves_of_training(config, inputs, health)
     sections["errors"] = [charts.error_chart(aligned)]
     manifests = {name: read_manifest(inputs[name]) for name in STAGES if (inputs[name] / MANIFEST).is_file()}
-    html.write(
+    html.write_page(
         output / PAGE,
         scene=scene.scene(tracks, scene.segments(model), rom_parameters(config).foot_radius, teacher.dt),
         sections=sections,
         title=f"Gait at {config.speed:g} m/s",
-        headline=markdown_report.headline(errors, gaits),
-        setting=markdown_report.setting(facts),
+        headline=markdown_report.summary(errors, gaits),
+        setting=markdown_report.setup_of(facts),
         played=played(tracks, walkers, teacher.dt, config.evaluation.window),
         counted=", ".join(f"{average.strides:,} strides of the {name}" for name, average in there.items()),
         colors=COLORS,
@@ -71,8 +71,8 @@ def write_page(
         speed=f"{config.speed:g}",
         health=health,
         origin_rows=tables.origin_rows(manifests),
-        versions=tables.versions(manifests),
-        settings=tables.settings(manifests),
+        versions=tables.version_rows(manifests),
+        settings=tables.setting_rows(manifests),
         definitions=markdown_report.meanings(facts),
     )
 

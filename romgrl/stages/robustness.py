@@ -22,7 +22,7 @@ from romgrl.report.fall_rate_figure import fall_rates
 from romgrl.report.style import save
 from romgrl.rom.return_map import StrideMap
 from romgrl.runtime.stage_log import StageLog
-from romgrl.stages.rollouts.disturbed import Outcome, Start, disturb, settle
+from romgrl.stages.rollouts.disturbed import Outcome, Start, disturb, walk_in
 from romgrl.stages.rollouts.orbital_stability import teacher_multipliers, verdict
 from romgrl.stages.wiring.artifact_arrays import WALKERS
 from romgrl.stages.wiring.humanoid import humanoid_env
@@ -87,7 +87,7 @@ def measure(config: Config, inputs: Mapping[str, Path], log: StageLog) -> pd.Dat
         log.progress(next(ticks), total)
 
     starts = {
-        walker: settle(env, policy, delays, seed=config.seed + SEED_OFFSET, tick=tick)
+        walker: walk_in(env, policy, delays, seed=config.seed + SEED_OFFSET, tick=tick)
         for walker, policy in policies.items()
     }
     spread = observation_spread(list(policies.values()), flatdim(env.single_observation_space))

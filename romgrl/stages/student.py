@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from romgrl.algorithms.divergence import check, check_physics
+from romgrl.algorithms.divergence import check_physics, require_finite
 from romgrl.algorithms.rom_grl import RomGrl
 from romgrl.algorithms.sac import Metrics, save_policy
 from romgrl.algorithms.second_thread import second_lane, start
@@ -142,7 +142,7 @@ def train(
             judged = learner.start_discriminator()
             observation, reward, terminated, truncated, info = stepped()
             check_physics(info["diverged"])
-            check(observation=observation, reward=reward)
+            require_finite(observation=observation, reward=reward)
             following = torch.from_numpy(observation).to(device)
             frames = torch.from_numpy(windows.push(frame(info)))
             earned, fell, cut = (torch.from_numpy(values) for values in (reward, terminated, truncated))

@@ -15,7 +15,7 @@ import torch
 from gymnasium.spaces import flatdim
 from numpy.typing import NDArray
 
-from romgrl.algorithms.divergence import check, check_physics
+from romgrl.algorithms.divergence import check_physics, require_finite
 from romgrl.algorithms.ppo import PPO, DeterministicPolicy, load_policy, save_policy
 from romgrl.algorithms.rollout_buffer import Rollout
 from romgrl.algorithms.second_thread import second_lane
@@ -51,7 +51,7 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
         f"{row['falls']:.0f} falls in {CHECK_EPISODES} episodes, {row['mean_speed_m_per_s']:.2f} m/s, "
         f"left-right correlation {row['left_right_correlation']:.2f}, {row['stride_frequency_hz']:.2f} strides/s"
     )
-    log.message(human_bands.verdict(row, config.teacher.speed))
+    log.message(human_bands.human_verdict(row, config.teacher.speed))
 
 
 def build_learner(config: Config, env: SpringLegVectorEnv, lane: Executor | None = None) -> PPO:
@@ -127,8 +127,8 @@ def train(
             decay = 1.0 - (done - rollout_size) / teacher.total_steps if teacher.learning_rate_decay else 1.0
             losses = ppo.update(rollout, learning_rate_scale=decay)
             gait = tally.take()
-            check(gradient=np.array(losses["gradient_norm"]), weights=ppo.weights)
-            check(loss=np.array([losses["policy_loss"], losses["value_loss"], losses["approximate_kl"]]))
+            require_finite(gradient=np.array(losses["gradient_norm"]), weights=ppo.weights)
+            require_finite(loss=np.array([losses["policy_loss"], losses["value_loss"], losses["approximate_kl"]]))
             log.metrics(gait | losses, done)
             log.progress(done, teacher.total_steps, speed=gait["speed"], correlation=gait["left_right_correlation"])
             keeper.keep(done)
@@ -144,7 +144,7 @@ def collect(
         rollout.store_action(step, seen, action, log_probability)
         observation, reward, terminated, truncated, info = env.step(action.clamp(-1.0, 1.0).cpu().numpy())
         check_physics(info["diverged"])
-        check(observation=info["final_obs"], reward=reward)
+        require_finite(observation=info["final_obs"], reward=reward)
         rollout.store_outcome(step, reward, terminated, truncated, info["final_obs"])
         tally.add(step, reward, terminated, truncated, info)
     return observation

@@ -46,7 +46,7 @@ def no_viewer() -> str | None:
     return None if glfw.init() else f"{NO_DISPLAY} that opens"
 
 
-def walk(env: PlanarHumanoidVectorEnv, directory: Path, seed: int) -> Iterator[tuple[NDArray[np.float64], bool]]:
+def walk_on(env: PlanarHumanoidVectorEnv, directory: Path, seed: int) -> Iterator[tuple[NDArray[np.float64], bool]]:
     """Yield the state before each step, and whether the walker fell in the last; a newer policy takes over at once."""
     path = directory / "policy.safetensors"
     written, policy = path.stat().st_mtime, read_walker(directory, env)
@@ -70,12 +70,12 @@ def play(env: PlanarHumanoidVectorEnv, directory: Path, seed: int) -> None:
     with mujoco.viewer.launch_passive(model, data, show_left_ui=False, show_right_ui=False) as window:
         window.cam.type = mujoco.mjtCamera.mjCAMERA_TRACKING
         window.cam.trackbodyid, window.cam.azimuth, window.cam.elevation, window.cam.distance = 1, 90.0, -10.0, 4.0
-        for state, _ in walk(env, directory, seed):
+        for state, _ in walk_on(env, directory, seed):
             due = time.monotonic() + env.control_step
             data.qpos[:] = state[: model.nq]
             mujoco.mj_forward(model, data)
             window.sync()
-            signals.check()
+            signals.raise_pending()
             if not window.is_running():
                 return
             time.sleep(max(0.0, due - time.monotonic()))
@@ -84,7 +84,7 @@ def play(env: PlanarHumanoidVectorEnv, directory: Path, seed: int) -> None:
 def film(env: PlanarHumanoidVectorEnv, directory: Path, path: Path, config: Config, log: StageLog, reason: str) -> None:
     """Film a walk of `watch.seconds`, or up to its fall. Raises RenderingError or FilmError: nothing can be watched."""
     states: list[NDArray[np.float64]] = []
-    for state, fell in walk(env, directory, config.seed):
+    for state, fell in walk_on(env, directory, config.seed):
         if fell or len(states) >= round(config.watch.seconds / env.control_step):
             break
         states.append(state)

@@ -67,11 +67,11 @@ def warn(text: str) -> None:
     Console(stderr=True).print(f"warning: {text}", soft_wrap=True, markup=False, highlight=False)
 
 
-def flatten(settings: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+def flatten_params(settings: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     """Flatten nested mappings to dotted names."""
     flat: dict[str, Any] = {}
     for name, value in settings.items():
-        flat |= flatten(value, f"{prefix}{name}.") if isinstance(value, Mapping) else {prefix + name: value}
+        flat |= flatten_params(value, f"{prefix}{name}.") if isinstance(value, Mapping) else {prefix + name: value}
     return flat
 
 
@@ -133,7 +133,7 @@ class Recorder:
             name=redacted(name),
             parent=parent.local_id if isinstance(parent, RecordedRun) else parent,
             tags=dict(tags),
-            params={name: redacted(str(value)) for name, value in flatten(params or {}).items()},
+            params={name: redacted(str(value)) for name, value in flatten_params(params or {}).items()},
             run_id=run_id,
         )
         return run
@@ -257,7 +257,7 @@ class RecordedRun:
             self.request("finish", status=status)
 
 
-def sync(uri: str | None, outputs: Path, experiment: str | None = None) -> list[str]:
+def bring_journals(uri: str | None, outputs: Path, experiment: str | None = None) -> list[str]:
     """Bring what earlier jobs could not to `uri`, or to the store of each where it is None; returns a line per run.
 
     The same for the experiment; a place that a job was not meant for gets all that its journal has.

@@ -8,16 +8,18 @@ import numpy as np
 import pytest
 import torch
 
-from romgrl.algorithms.discriminator_health import COLUMNS, ROWS, Setting, diagnose, trend
+from romgrl.algorithms.discriminator_health import COLUMNS, ROWS, TrainingSetting, diagnose, trend
 from romgrl.pipeline.job import health_tags
 from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import student
-from romgrl.stages.training.discriminator_watch import HealthWatch, setting
+from romgrl.stages.training.discriminator_watch import HealthWatch, health_setting
 from tests.algorithms.test_adversarial_losses import gaussian_judge
 from tests.conftest import Composer
 from tests.faults.trainings import STUDENT, write_reference
 
-SETTING = Setting(speed=4.0, eta=0.5, reward_limit=3.0, undecided_reward=math.log(2), undecided_loss=2 * math.log(2))
+SETTING = TrainingSetting(
+    speed=4.0, eta=0.5, reward_limit=3.0, undecided_reward=math.log(2), undecided_loss=2 * math.log(2)
+)
 HEALTHY = {
     "discriminator_accuracy_teacher": 0.97,
     "discriminator_accuracy_student": 0.88,
@@ -69,7 +71,7 @@ def test_each_fault_is_found_alone(name: str) -> None:
 def test_saturated_at_the_limit_of_the_reward() -> None:
     (found,) = diagnose(curve(**PERFECT, imitation_reward=(2.97, 3.0)), SETTING)
     assert found.name == "saturated"
-    assert diagnose(curve(**PERFECT, imitation_reward=(2.97, 3.0)), Setting(4.0, 0.5, None, 0.69, 1.39)) == []
+    assert diagnose(curve(**PERFECT, imitation_reward=(2.97, 3.0)), TrainingSetting(4.0, 0.5, None, 0.69, 1.39)) == []
 
 
 def test_a_low_reward_that_goes_nowhere_is_ignored() -> None:
@@ -137,7 +139,7 @@ def test_measures_by_hand() -> None:
 def test_what_an_undecided_judge_pays(compose_config: Composer) -> None:
     expected = {"bce": (math.log(2), 2 * math.log(2)), "least_squares": (0.75, 2.0), "wasserstein": (1.0, 1.0)}
     for loss, pair in expected.items():
-        found = setting(compose_config(f"discriminator.loss={loss}"))
+        found = health_setting(compose_config(f"discriminator.loss={loss}"))
         assert (found.undecided_reward, found.undecided_loss) == pytest.approx(pair)
 
 

@@ -10,7 +10,7 @@ import torch
 from scipy import integrate
 from torch.nn import functional
 
-from romgrl.algorithms.networks.squashed_gaussian import draw, head_gradient, log_density
+from romgrl.algorithms.networks.squashed_gaussian import head_gradient, log_density, sample
 from romgrl.algorithms.networks.stacked_mlp import StackedMLP
 from romgrl.algorithms.replay_buffer import Batch
 from romgrl.algorithms.sac import SAC, load_policy, save_policy
@@ -44,7 +44,15 @@ def make_batch(size: int = 16) -> Batch:
 
     terminated = torch.zeros(size)
     terminated[::4] = 1
-    return Batch(draw(size, 3), draw(size, 2).tanh(), draw(size, 3), draw(size), terminated, draw(size, 5), draw(size))
+    return Batch(
+        draw(size, 3),
+        draw(size, 2).tanh(),
+        draw(size, 3),
+        draw(size),
+        terminated,
+        draw(size, 5),
+        draw(size),
+    )
 
 
 def test_log_density_is_a_density() -> None:
@@ -140,11 +148,11 @@ def test_gradient_through_the_squashed_gaussian_equals_the_automatic_one() -> No
     torch.manual_seed(0)
     head, noise = torch.randn(6, 4, dtype=torch.float64, requires_grad=True), torch.randn(6, 2, dtype=torch.float64)
     by_action, by_log = torch.randn(6, 2, dtype=torch.float64), torch.randn(6, 1, dtype=torch.float64)
-    drawn = draw(head, noise)
+    drawn = sample(head, noise)
     ((drawn.action * by_action).sum() + (drawn.log_probability[:, None] * by_log).sum()).backward()
     assert head.grad is not None
     with torch.no_grad():
-        by_hand = head_gradient(draw(head, noise), by_action, by_log)
+        by_hand = head_gradient(sample(head, noise), by_action, by_log)
     torch.testing.assert_close(by_hand, head.grad, rtol=1e-10, atol=1e-12)
 
 
@@ -160,7 +168,7 @@ def test_gradients_of_an_update_equal_those_of_its_losses(join: str, layer_norm:
     target = sac.bellman_target(batch, reward, following)
     inputs = torch.cat((batch.observation, batch.action), -1)
     (forward_by_autograd(sac.critic, critic, inputs).squeeze(-1) - target).square().mean(1).sum().backward()
-    drawn = draw(forward_by_autograd(sac.policy, policy, batch.observation)[0], noise)
+    drawn = sample(forward_by_autograd(sac.policy, policy, batch.observation)[0], noise)
     values = forward_by_autograd(sac.critic, critic.detach(), torch.cat((batch.observation, drawn.action), -1)).squeeze(
         -1
     )

@@ -14,7 +14,7 @@ from romgrl.algorithms.discriminator import Discriminator
 from romgrl.algorithms.ppo import PPO
 from romgrl.algorithms.sac import SAC
 from romgrl.artifacts import load_tensors
-from romgrl.artifacts.checkpoint import CHECKPOINT, Checkpoints, flatten
+from romgrl.artifacts.checkpoint import CHECKPOINT, Checkpoints, flatten_state
 from romgrl.errors import DivergenceError
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 from romgrl.rom import _core
@@ -209,7 +209,9 @@ def assert_good(output: Path, step: int) -> None:
     found = Checkpoints(output / CHECKPOINT, say=said.append).load()
     assert found is not None
     assert (found[0], said) == (step, [])
-    numbers = [value for _, value in flatten(found[1]) if isinstance(value, torch.Tensor) and value.is_floating_point()]
+    numbers = [
+        value for _, value in flatten_state(found[1]) if isinstance(value, torch.Tensor) and value.is_floating_point()
+    ]
     numbers += load_tensors(output / "policy.safetensors")[0].values()
     assert all(np.isfinite(np.asarray(value, float)).all() for value in numbers)
     assert max(float(value.double().abs().max()) for value in numbers if value.numel()) < 1e10

@@ -16,7 +16,7 @@ from mlflow.exceptions import MlflowException, RestException
 from romgrl.tracking.journal import Outbox, journal_directory, journals
 from romgrl.tracking.recorder import Recorder, default_uri
 from romgrl.tracking.sending.failures import ExperimentError, explained
-from romgrl.tracking.sending.fetching import find
+from romgrl.tracking.sending.fetching import find_run
 from romgrl.tracking.sending.files import FILES_TAG
 from romgrl.tracking.sending.sender import Sender
 from romgrl.tracking.sending.store import Store
@@ -135,7 +135,7 @@ def test_an_experiment_whose_files_go_to_a_place_that_is_not_here(outputs: Path)
     (line,) = set(told_lines)
     assert "they would go to file:///proc/romgrl/" in line
     assert "the server needs --serve-artifacts" in line
-    assert find(store, "nowhere", "stage", "key") is None
+    assert find_run(store, "nowhere", "stage", "key") is None
     assert {kind for kind, _ in synced(outputs, experiment="elsewhere")} == {"text"}
     assert differences(told, stored(outputs / "mlflow.db", "elsewhere")) == (0, 0)
     assert len([path for path in (outputs / "mlartifacts").rglob("*") if path.is_file()]) == len(FILES)
@@ -151,7 +151,7 @@ def test_a_run_without_its_files_is_not_offered(outputs: Path) -> None:
         store.request("set_terminated", run.info.run_id)
         ids.append(run.info.run_id)
     store.request("delete_run", ids[2])
-    assert find(store, "romgrl", "teacher", "1") == ids[0]
+    assert find_run(store, "romgrl", "teacher", "1") == ids[0]
 
 
 def refused(code: str) -> RestException:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from romgrl.artifacts.checkpoint import CHECKPOINT, Checkpoints, flatten, nest
+from romgrl.artifacts.checkpoint import CHECKPOINT, Checkpoints, flatten_state, nest
 from romgrl.config.schema import Config
 from romgrl.runtime.signals import Interrupted
 from romgrl.stages import student
@@ -99,7 +99,7 @@ def test_what_is_told_again_is_kept() -> None:
     tally.add(info, np.array([True, False]), np.array([True, True]))
     told = tally.take()
     later = EpisodeTally(2, 30.0)
-    later.restore(nest(dict(flatten(deepcopy(tally.state())))))
+    later.restore(nest(dict(flatten_state(deepcopy(tally.state())))))
     again = later.take()
     assert {name: again[name] for name in ("episode_seconds", "fall_share")} == {
         "episode_seconds": 1 / 30,
@@ -151,7 +151,7 @@ def leaves_of(output: Path) -> list[str]:
     """Names of all numbers and arrays in the newest checkpoint."""
     found = Checkpoints(output / CHECKPOINT, say=print).load()
     assert found is not None
-    return [leaf for leaf, _ in flatten(found[1])]
+    return [leaf for leaf, _ in flatten_state(found[1])]
 
 
 def leave_out(patch: pytest.MonkeyPatch, leaf: str) -> dict[str, bool]:
@@ -161,14 +161,14 @@ def leave_out(patch: pytest.MonkeyPatch, leaf: str) -> dict[str, bool]:
     outcome = {"differs": False}
 
     def remembering(keeper: Keeper) -> int:
-        fresh.update(flatten(deepcopy({name: part.state() for name, part in keeper._parts.items()})))
+        fresh.update(flatten_state(deepcopy({name: part.state() for name, part in keeper._parts.items()})))
         return go_on(keeper)
 
     def without(checkpoints: Checkpoints) -> tuple[int, dict[str, Any]] | None:
         found = load(checkpoints)
         if found is None or leaf not in fresh:
             return found
-        values = dict(flatten(found[1]))
+        values = dict(flatten_state(found[1]))
         outcome["differs"] = digest({"": values[leaf]}) != digest({"": fresh[leaf]})
         return found[0], nest(values | {leaf: fresh[leaf]})
 

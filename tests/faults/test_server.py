@@ -23,7 +23,7 @@ from sqlalchemy import create_engine, inspect
 from romgrl.artifacts import open_artifact
 from romgrl.provenance.stage_graph import STAGES
 from romgrl.tracking.process import BLOCKED_SECONDS
-from romgrl.tracking.recorder import open_recorder, sync
+from romgrl.tracking.recorder import bring_journals, open_recorder
 from tests.faults.ports import free_port
 from tests.faults.servers import mlflow_server, postgresql
 from tests.helpers.jobs import ROOT, trainings
@@ -166,7 +166,7 @@ def test_long_names_arrive(server: Server, tmp_path: Path) -> None:
     recorder.close()
     assert recorder.process is not None
     recorder.process.join()  # on a busy machine the job does not wait to the end
-    sync(None, tmp_path)
+    bring_journals(None, tmp_path)
     client = MlflowClient(tracking_uri=server.uri)
     experiment = client.get_experiment_by_name("e" * 247 + "...")
     (stored,) = client.search_runs([experiment.experiment_id])

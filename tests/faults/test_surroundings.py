@@ -14,7 +14,7 @@ import pytest
 from romgrl.errors import TrackingError
 from romgrl.provenance import versions
 from romgrl.runtime import cores, surroundings
-from romgrl.tracking.recorder import Recorder, default_uri, sync, ui_command
+from romgrl.tracking.recorder import Recorder, bring_journals, default_uri, ui_command
 from tests.conftest import Command
 from tests.helpers.jobs import ROOT
 from tests.helpers.limits import wait_until
@@ -106,17 +106,17 @@ def test_what_was_set_for_other_programs_is_left_out() -> None:
         warnings.resetwarnings()  # Python's own filters, and before them that of the environment
         warnings.simplefilter("ignore", DeprecationWarning)
         warnings.simplefilter("error", append=False)
-        surroundings.settle(environment)
+        surroundings.adapt_environment(environment)
         warnings.warn("a library changes", FutureWarning, stacklevel=1)
         warnings.warn("of a library to itself", DeprecationWarning, stacklevel=1)
     assert len(told) == 1
     assert environment["no_proxy"] == environment["NO_PROXY"] == "inside,localhost,127.0.0.1,::1"
     assert "PYTHONWARNINGS" not in environment
     kept = {"PYTHONWARNINGS": "ignore", "NO_PROXY": "*", "ALL_PROXY": "socks5://proxy"}
-    surroundings.settle(kept)
+    surroundings.adapt_environment(kept)
     assert (kept["PYTHONWARNINGS"], kept["NO_PROXY"]) == ("ignore", "*")
     unset: dict[str, str] = {}
-    surroundings.settle(unset)
+    surroundings.adapt_environment(unset)
     assert "NO_PROXY" not in unset
 
 
@@ -162,7 +162,7 @@ def test_a_server_on_this_machine_is_asked_directly(monkeypatch: pytest.MonkeyPa
     monkeypatch.delenv("MPLBACKEND", raising=False)
     for name in ("no_proxy", "NO_PROXY", "MPLBACKEND"):
         monkeypatch.setenv(name, "")
-    surroundings.settle()
+    surroundings.adapt_environment()
     assert surroundings.proxy_note("http://127.0.0.1:5000") == surroundings.proxy_note("http://localhost:5000") == ""
 
 
@@ -227,4 +227,4 @@ def test_what_is_left_is_brought_or_the_proxy_named(tmp_path: Path, monkeypatch:
     join = "romgrl.tracking.recorder.TrackingProcess.join"
     monkeypatch.setattr(join, lambda self: setattr(self, "failure", "refused"))
     with pytest.raises(TrackingError, match=r"refused; mlflow\.example is asked through the proxy 127"):
-        sync("http://mlflow.example", tmp_path)
+        bring_journals("http://mlflow.example", tmp_path)

@@ -19,7 +19,7 @@ import pytest
 from romgrl.errors import TrackingError
 from romgrl.tracking.journal import journals
 from romgrl.tracking.process import BLOCKED_SECONDS
-from romgrl.tracking.recorder import Recorder, default_uri, open_recorder, sync, ui_command
+from romgrl.tracking.recorder import Recorder, bring_journals, default_uri, open_recorder, ui_command
 from tests.faults.ports import free_port
 from tests.faults.runs import FILES, Told, differences, stored
 from tests.faults.tcp_proxy import Proxy
@@ -169,13 +169,13 @@ def test_never_back_then_sync(
     assert capsys.readouterr().err.count("python -m romgrl stage=sync") == 1
     wait_until(lambda: not process_of(told.recorder).alive)
     with pytest.raises(TrackingError, match=f"MLflow at {proxy.uri}: .*stays in {tmp_path}/journal"):
-        sync(None, tmp_path)
+        bring_journals(None, tmp_path)
     proxy.set("open")
-    lines = sync(None, tmp_path)
+    lines = bring_journals(None, tmp_path)
     ids = {name: found for name, _, found in stored(server.database, request.node.name).runs}
     assert sum(line.startswith(f"{run_id} is {ids['stage']}: ") for line in lines) == 1
     check(told, server, request)
-    assert sync(None, tmp_path) == ["nothing is left to bring to MLflow"]
+    assert bring_journals(None, tmp_path) == ["nothing is left to bring to MLflow"]
 
 
 @pytest.mark.slow
@@ -187,7 +187,7 @@ def test_hanging_when_the_job_ends(told: Told, proxy: Proxy, server: Server, req
     told.finish()
     wait_until(lambda: not process_of(told.recorder).alive)
     proxy.set("open")
-    sync(None, told.directory.parent)
+    bring_journals(None, told.directory.parent)
     check(told, server, request)
 
 
@@ -204,7 +204,7 @@ def test_slow_answers_are_not_waited_for(
     assert process_of(told.recorder).alive
     proxy.set("open")
     wait_until(lambda: not process_of(told.recorder).alive)
-    sync(None, told.directory.parent)
+    bring_journals(None, told.directory.parent)
     check(told, server, request)
 
 
@@ -225,7 +225,7 @@ def test_answers_that_get_lost(
     told.finish()
     wait_until(lambda: not process_of(told.recorder).alive)
     if journals(told.directory.parent):
-        sync(None, told.directory.parent)
+        bring_journals(None, told.directory.parent)
     assert proxy.hits == 3
     check(told, server, request)
 
@@ -272,7 +272,7 @@ def test_the_process_of_mlflow_stands_still(
     told.finish()
     assert capsys.readouterr().err.count("failed (no answer); going on") == 1
     process_of(told.recorder).kill()
-    sync(None, told.directory.parent)
+    bring_journals(None, told.directory.parent)
     check(told, server, request)
 
 
@@ -303,7 +303,7 @@ def test_the_job_and_its_process_are_killed(
     (path,) = journals(outputs)
     with path.open("ab") as torn:
         torn.write(b'{"run": "')
-    assert len(sync(None, outputs)) == 2
+    assert len(bring_journals(None, outputs)) == 2
     told.expect(0, 100)
     told.directory = outputs / "published"
     check(told, server, request, "KILLED")

@@ -14,7 +14,7 @@ import pytest
 import torch
 
 from romgrl.artifacts import save_arrays
-from romgrl.artifacts.checkpoint import flatten
+from romgrl.artifacts.checkpoint import flatten_state
 from romgrl.config.schema import Config
 from romgrl.pipeline import worker
 from romgrl.runtime import signals
@@ -120,7 +120,7 @@ def rows(keeper: Keeper) -> dict[str, Any]:
 def digest(state: Mapping[str, Any]) -> str:
     """SHA-256 over names and bits of a nested state."""
     sha256 = hashlib.sha256()
-    for name, value in sorted(flatten(state)):
+    for name, value in sorted(flatten_state(state)):
         sha256.update(name.encode())
         if isinstance(value, torch.Tensor | np.ndarray):
             sha256.update(np.ascontiguousarray(np.asarray(value)).tobytes())

@@ -9,7 +9,7 @@ from scipy.spatial.distance import cdist
 from scipy.stats import kstest
 
 from romgrl.gait import mmd
-from romgrl.gait.distances import ALL, distance_table, wasserstein
+from romgrl.gait.distances import ALL, measure_distances, wasserstein
 from romgrl.gait.dtw import warped_distance
 from romgrl.gait.features import CHANNELS, Floats, Gait, mirrored
 from tests.gait.synthetic import DT, run
@@ -162,7 +162,7 @@ def table(**changed: Gait) -> pd.DataFrame:
         "baseline": gait(run(episodes=8, frequency=2.4, height=0.75, amplitude=0.5, noise=0.005, seed=2)[0]),
         **changed,
     }
-    return distance_table(**walkers, window=100, seed=0)
+    return measure_distances(**walkers, window=100, seed=0)
 
 
 def test_floor_below_student_below_baseline() -> None:

@@ -61,18 +61,18 @@ def test_between_two_speeds_a_band_is_interpolated() -> None:
 @pytest.mark.parametrize("speed", [0.5, 1.9, 5.0])
 def test_there_is_no_band_where_nothing_is_known(speed: float) -> None:
     assert human_bands.bands(speed) == {}
-    assert human_bands.verdict(ROW, speed) == f"no human bands at {speed:g} m/s"
+    assert human_bands.human_verdict(ROW, speed) == f"no human bands at {speed:g} m/s"
 
 
 def test_a_human_run_is_in_all_bands() -> None:
     assert human_bands.outside(ROW, 4.0) == {}
-    assert human_bands.verdict(ROW, 4.0).startswith("in all human bands")
+    assert human_bands.human_verdict(ROW, 4.0).startswith("in all human bands")
 
 
 def test_a_number_outside_is_named_with_its_band() -> None:
     quick = ROW | {"stride_frequency_hz": 2.16, "duty_factor": math.nan}
     assert set(human_bands.outside(quick, 4.0)) == {"stride_frequency_hz", "stride_length_m", "duty_factor"}
-    assert "stride_frequency_hz 2.16 (1.35 to 1.6)" in human_bands.verdict(quick, 4.0)
+    assert "stride_frequency_hz 2.16 (1.35 to 1.6)" in human_bands.human_verdict(quick, 4.0)
 
 
 def test_nothing_that_strides_has_no_stride_length() -> None:

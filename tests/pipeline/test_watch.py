@@ -72,7 +72,7 @@ def test_a_newer_policy_takes_over(brief: Config, student: Path, monkeypatch: py
     read: list[Path] = []
     monkeypatch.setattr(watch, "read_walker", lambda path, env: read.append(path) or (lambda seen: seen[:, :21]))
     env = watch.humanoid_env(brief, num_envs=1)
-    states = watch.walk(env, student, seed=0)
+    states = watch.walk_on(env, student, seed=0)
     next(states)
     next(states)
     assert len(read) == 1

@@ -16,7 +16,7 @@ from romgrl.cli.consistency import misfits
 from romgrl.config.schema import Config
 from romgrl.errors import ArtifactError, ConfigurationError
 from romgrl.pipeline import run as pipeline
-from romgrl.pretrained.__main__ import main, write
+from romgrl.pretrained.__main__ import main, write_artifact
 from romgrl.provenance import shipped, stage_graph
 from romgrl.provenance.shipped import GROUPS, require_shipped
 from romgrl.provenance.stage_keys import stage_function, stage_settings
@@ -92,7 +92,7 @@ def test_what_ships_is_what_was_trained(outputs: Path, place: Path) -> None:
 
 def test_nothing_that_ships_tells_about_a_machine(outputs: Path, place: Path, shipped: Path) -> None:
     manifest = replace(read_manifest(place / "teacher"), run_id="a" * 32)
-    write("teacher", manifest, made(outputs, "teacher"))
+    write_artifact("teacher", manifest, made(outputs, "teacher"))
     assert read_manifest(shipped / "teacher").run_id is None
     texts = [path.read_text(encoding="utf-8") for path in shipped.rglob("*") if path.suffix in (".json", ".md", ".csv")]
     for private in ("a" * 32, str(outputs), str(Path.home()), platform.node(), os.sep + "tmp"):

@@ -12,7 +12,7 @@ import pandas as pd
 
 from romgrl.artifacts import save_arrays, write_manifest
 from romgrl.gait.alignment import mse_table
-from romgrl.gait.distances import distance_table
+from romgrl.gait.distances import measure_distances
 from romgrl.gait.features import Gait
 from romgrl.gait.metrics import describe
 
@@ -36,7 +36,7 @@ def write(folder: Path, gaits: Mapping[str, Gait], states: Mapping[str, Any], *,
         rollouts |= {f"{name}_velocity": gaits[name].velocity, f"{name}_states": states[name]}
     save_arrays(inputs["evaluation"] / "rollouts.npz", rollouts)
     mse_table(**compared, window=100).to_csv(inputs["evaluation"] / "mse.csv", index=False)
-    distance_table(**compared, window=100, seed=0).to_csv(inputs["evaluation"] / "distances.csv", index=False)
+    measure_distances(**compared, window=100, seed=0).to_csv(inputs["evaluation"] / "distances.csv", index=False)
     rows = [{"walker": name, **describe(gait, target_speed=speed)} for name, gait in gaits.items()]
     pd.DataFrame(rows).to_csv(inputs["evaluation"] / "gait.csv", index=False)
     return inputs

@@ -155,8 +155,8 @@ def test_units_in_brackets() -> None:
 
 def test_headline_and_remarks(errors: pd.DataFrame, gait_rows: pd.DataFrame) -> None:
     average = errors[(errors.channel == "average") & (errors.alignment == "aligned")].iloc[0]
-    assert f"{average.reduction_percent:.1f} % below" in markdown_report.headline(errors, gait_rows)
-    assert "Student upright in 4 of 4 episodes at 4.00 m/s" in markdown_report.headline(errors, gait_rows)
+    assert f"{average.reduction_percent:.1f} % below" in markdown_report.summary(errors, gait_rows)
+    assert "Student upright in 4 of 4 episodes at 4.00 m/s" in markdown_report.summary(errors, gait_rows)
     pooled = 100 * (1 - average.student / average.baseline)
     assert f"reduced by {pooled:.1f} %" in markdown_report.remarks(errors)
 

@@ -24,7 +24,7 @@ def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(statistics, "RESAMPLES", 999)
     monkeypatch.setattr(
         sweep_tables,
-        "draw",
+        "save_figures",
         lambda cells, jobs, title, directory: (directory / "by_x.png").write_text(title, encoding="utf-8"),
     )
     monkeypatch.setenv(SWEEP_VARIABLE, "")

@@ -34,7 +34,7 @@ from tests.results.chains import changed, finish
 @pytest.fixture(autouse=True)
 def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(statistics, "RESAMPLES", 999)
-    monkeypatch.setattr(sweep_tables, "draw", lambda *arguments: None)
+    monkeypatch.setattr(sweep_tables, "save_figures", lambda *arguments: None)
     monkeypatch.setenv(SWEEP_VARIABLE, "")
 
 

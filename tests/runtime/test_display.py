@@ -141,7 +141,7 @@ def test_a_stream_of_others_stays(capsys: pytest.CaptureFixture[str]) -> None:
 def test_letters_that_a_terminal_lacks_are_replaced(full: Guarded, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(display, "ERRORS", {full.descriptor: display.ERRORS[1]})
     ascii_only = io.TextIOWrapper(io.BytesIO(), encoding="ascii")
-    stream = display.guard(ascii_only, full)
+    stream = display.guard_stream(ascii_only, full)
     assert (stream.encoding, stream.errors) == ("ascii", "replace")
     print("m², \udcff and ━━", file=stream, flush=True)
     assert Labelled(stream, "speed=1").encoding == "ascii"
@@ -197,7 +197,7 @@ def test_a_callback_that_fails_is_no_warning() -> None:
     """Hydra makes one of it, and the sweep ends with 0."""
     import hydra._internal.hydra
 
-    allowlist.guard()
+    allowlist.guard_hydra()
     callbacks = hydra._internal.hydra.Callbacks(None)
     callbacks.callbacks = [Failing()]
     with pytest.raises(ValueError, match="of the callback"):

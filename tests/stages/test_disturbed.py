@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from romgrl.humanoid.changed_body import scaled
 from romgrl.humanoid.model import build
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
-from romgrl.stages.rollouts.disturbed import Outcome, Start, disturb, settle
+from romgrl.stages.rollouts.disturbed import Outcome, Start, disturb, walk_in
 
 TRIALS, STEPS = 6, 12
 DELAYS = np.array([1, 3, 5, 7, 2, 4])
@@ -28,7 +28,7 @@ def stays(**settings: float) -> PlanarHumanoidVectorEnv:
 
 @pytest.fixture(scope="module")
 def start() -> Start:
-    return settle(stays(), policy, DELAYS, seed=3)
+    return walk_in(stays(), policy, DELAYS, seed=3)
 
 
 def test_each_trial_settles_for_its_own_time(start: Start) -> None:
@@ -99,7 +99,7 @@ def test_the_noise_has_its_standard_deviation(start: Start) -> None:
 def test_who_cannot_stay_up_falls_in_every_trial() -> None:
     """Limits that no posture keeps: each step is a fall, and nothing after it counts."""
     env = stays(fall_pelvis_height=3.0)
-    start = settle(env, policy, DELAYS, seed=0)
+    start = walk_in(env, policy, DELAYS, seed=0)
     assert start.fallen.all()
     outcome = disturb(env, policy, start, steps=STEPS)
     assert outcome.fallen.all()
@@ -108,7 +108,7 @@ def test_who_cannot_stay_up_falls_in_every_trial() -> None:
 
 def test_a_fall_after_the_start_of_the_disturbance_is_not_one_before() -> None:
     env = PlanarHumanoidVectorEnv(num_envs=TRIALS, episode_steps=1000)
-    start = settle(env, policy, np.ones(TRIALS, np.int64), seed=0)
+    start = walk_in(env, policy, np.ones(TRIALS, np.int64), seed=0)
     assert not start.fallen.any()
     outcome = disturb(env, policy, start, steps=60)  # nobody has taught it anything
     assert outcome.fallen.all()

@@ -21,7 +21,7 @@ from romgrl.artifacts import open_artifact, read_manifest
 from romgrl.config.schema import STAGES, Config
 from romgrl.pipeline import run as pipeline
 from romgrl.report.terminal_tables import TRAINING_MINUTES
-from romgrl.tracking.recorder import NOTE, default_uri, open_recorder, sync
+from romgrl.tracking.recorder import NOTE, bring_journals, default_uri, open_recorder
 from romgrl.tracking.sending.failures import RefusedError
 from romgrl.tracking.sending.store import PARENT_TAG, Store
 from tests.helpers.jobs import ROOT, Command, start
@@ -160,7 +160,7 @@ def test_a_store_that_fails_is_told_and_nothing_is_lost(tmp_path: Path, capsys: 
     assert errors.count("does not have everything yet; kept in ") == 1
     (tmp_path / "mlflow.db").unlink()
     brought = "1 params, 1 metrics, FINISHED"
-    assert sync(None, tmp_path) == [f"{run.local_id} is {only_run(tmp_path).info.run_id}: {brought}"]
+    assert bring_journals(None, tmp_path) == [f"{run.local_id} is {only_run(tmp_path).info.run_id}: {brought}"]
     assert only_run(tmp_path).data.metrics == {"m": 1.0}
 
 
@@ -214,7 +214,7 @@ def test_a_process_of_mlflow_that_dies_costs_nothing(tmp_path: Path, capsys: pyt
     errors = capsys.readouterr().err
     assert errors.count("its process ended with -9") == 1
     assert errors.count("stage=sync") == 1
-    sync(None, tmp_path)
+    bring_journals(None, tmp_path)
     runs = {stored.info.run_name: stored for stored in all_runs(tmp_path)}
     assert len(all_runs(tmp_path)) == 2
     assert runs["job"].info.run_id == run_id

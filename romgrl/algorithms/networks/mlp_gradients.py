@@ -75,7 +75,7 @@ class MLPGradients:
                 gradient = self.activation.gradient(gradient @ layer.weight, inputs)
 
 
-def flatten(parameters: Sequence[nn.Parameter]) -> tuple[Tensor, Tensor]:
+def flatten_parameters(parameters: Sequence[nn.Parameter]) -> tuple[Tensor, Tensor]:
     """Move all parameters into one vector and their gradients into another, both returned; the first has it as `grad`.
 
     One optimiser step and one norm then serve all. Automatic differentiation is switched off for the parameters.

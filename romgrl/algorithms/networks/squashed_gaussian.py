@@ -36,7 +36,7 @@ def log_density(noise: Tensor, log_std: Tensor, pre_tanh: Tensor) -> Tensor:
     return (gaussian - squash).sum(-1)
 
 
-def draw(head: Tensor, noise: Tensor) -> Sample:
+def sample(head: Tensor, noise: Tensor) -> Sample:
     """Actions for the head's outputs (B, 2 A) and noise (B, A)."""
     mean, raw = head.chunk(2, -1)
     squashed = torch.tanh(raw)

@@ -84,7 +84,7 @@ def origin_rows(manifests: Mapping[str, Manifest]) -> list[dict[str, str]]:
     ]
 
 
-def settings(manifests: Mapping[str, Manifest]) -> list[tuple[str, str, str]]:
+def setting_rows(manifests: Mapping[str, Manifest]) -> list[tuple[str, str, str]]:
     """Every key that decided something, its value, and the stages that it decided."""
     found: dict[tuple[str, str], list[str]] = {}
     for stage, made in manifests.items():
@@ -93,7 +93,7 @@ def settings(manifests: Mapping[str, Manifest]) -> list[tuple[str, str, str]]:
     return [(key, value, ", ".join(stages)) for (key, value), stages in sorted(found.items())]
 
 
-def versions(manifests: Mapping[str, Manifest]) -> dict[str, str]:
+def version_rows(manifests: Mapping[str, Manifest]) -> dict[str, str]:
     """Versions by library; all of them where stages were made with different ones."""
     found: dict[str, set[str]] = {}
     for made in manifests.values():

@@ -42,7 +42,7 @@ class Outcome:
         return ~self.upright[:, -1]
 
 
-def settle(
+def walk_in(
     env: PlanarHumanoidVectorEnv, policy: Policy, steps: NDArray[np.int64], *, seed: int, tick: Tick = lambda: None
 ) -> Start:
     """Walk undisturbed from resets; trial i ends up in its state after steps[i] (N,) control steps, at least one."""

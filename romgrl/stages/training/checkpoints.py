@@ -83,4 +83,4 @@ class Keeper:
             self._saved = time.monotonic()
         if pending:
             self._log.message(f"interrupted at step {step:,} of {self._total:,}; the same command goes on there")
-            signals.check()
+            signals.raise_pending()

@@ -9,7 +9,7 @@ from pathlib import Path
 import torch
 
 from romgrl.algorithms.adversarial_losses import LOSSES
-from romgrl.algorithms.discriminator_health import COLUMNS, ROWS, Setting, diagnose
+from romgrl.algorithms.discriminator_health import COLUMNS, ROWS, TrainingSetting, diagnose
 from romgrl.artifacts.checkpoint import State
 from romgrl.config.schema import Config
 from romgrl.runtime.stage_log import StageLog
@@ -18,11 +18,11 @@ FILE = "health.json"
 UNKNOWN = "too short to tell"
 
 
-def setting(config: Config) -> Setting:
+def health_setting(config: Config) -> TrainingSetting:
     """What the numbers of a training are measured against."""
     judge, zero = config.discriminator, torch.zeros(1)
     adversarial = LOSSES[judge.loss]
-    return Setting(
+    return TrainingSetting(
         speed=config.speed,
         eta=config.eta,
         reward_limit=judge.reward_limit,
@@ -39,7 +39,7 @@ class HealthWatch:
     """
 
     def __init__(self, config: Config, output: Path, log: StageLog) -> None:
-        self._setting, self._path, self._log = setting(config), output / FILE, log
+        self._setting, self._path, self._log = health_setting(config), output / FILE, log
         self._rows: list[dict[str, float]] = []  # with the step
         self._names: list[list[str]] = []  # what held at each
 

@@ -21,7 +21,7 @@ from romgrl.runtime.display import protect
 from romgrl.tracking.journal import BusyError, JournalError, Outbox, journals, redacted
 from romgrl.tracking.recorder import SYSTEM_METRICS, default_uri
 from romgrl.tracking.sending.failures import FAILURES, ExperimentError, RefusedError, explained
-from romgrl.tracking.sending.fetching import download, find
+from romgrl.tracking.sending.fetching import download, find_run
 from romgrl.tracking.sending.sender import ParentError, Sender
 from romgrl.tracking.sending.store import Store
 from romgrl.tracking.sending.syncing import Sync
@@ -102,7 +102,7 @@ class Live:
         while self.link.wanted:
             ticket, stage, key, directory = self.link.wanted.pop()
             try:
-                run_id = find(self.store, self._own.outbox.experiment, stage, key)
+                run_id = find_run(self.store, self._own.outbox.experiment, stage, key)
             except (*FAILURES, RefusedError) as error:
                 self.link.say("away", redacted(explained(error, self.store.uri)))
                 run_id = None

@@ -11,7 +11,7 @@ from romgrl.tracking.sending.store import Store
 LOOKED_AT = 20  # runs of one stage key
 
 
-def find(store: Store, experiment: str, stage: str, key: str) -> str | None:
+def find_run(store: Store, experiment: str, stage: str, key: str) -> str | None:
     """The last finished run of a stage key that has its files. Raises FAILURES or RefusedError."""
     wanted = f"tags.stage = '{stage}' and tags.key = '{key}' and attributes.status = 'FINISHED'"
     newest = {"max_results": LOOKED_AT, "order_by": ["attributes.end_time DESC"]}

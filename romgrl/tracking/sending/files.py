@@ -90,10 +90,10 @@ def send_table(store: Store, run_id: str, file: Path) -> None:
         rows = pd.read_csv(file)
     except ValueError as error:
         raise RefusedError(f"{file}: {first_line(error)}") from error
-    store.request("log_table", run_id, readable(rows, TABULATED[file.name]), name)
+    store.request("log_table", run_id, table_for_ui(rows, TABULATED[file.name]), name)
 
 
-def readable(rows: pd.DataFrame, labels: Sequence[str]) -> pd.DataFrame:
+def table_for_ui(rows: pd.DataFrame, labels: Sequence[str]) -> pd.DataFrame:
     """A table as MLflow's comparison of tables shows it best: what names a row in one column, the student next to it.
 
     The UI groups by the first column and compares the second one; it shows ten digits of a number, so four are left.

@@ -104,7 +104,7 @@ class Store:
                 restore = f"{place} mlflow experiments restore --experiment-id {known.experiment_id}"
                 take = "tracking.experiment=... takes another"
                 raise ExperimentError(f"the experiment {name} was deleted: `{restore}` brings it back, {take}")
-            self._experiments[name] = whole(known.experiment_id)
+            self._experiments[name] = require_id(known.experiment_id)
         return self._experiments[name]
 
     def make_experiment(self, name: str) -> Any:
@@ -137,11 +137,11 @@ class Store:
         if not found and entry["run_id"] and not entry["run_id"].startswith(LOCAL):
             found = self.existing(entry["run_id"])
         if found and not (entry["run_id"] and deleted(found[0])):
-            return whole(found[0].info.run_id)
+            return require_id(found[0].info.run_id)
         if found:
             self.tell("deleted", f"MLflow's run {found[0].info.run_id} was deleted: {entry['name']} is in a new one")
         tags = {**entry["tags"], UID_TAG: entry["run"], **({PARENT_TAG: parent} if parent else {})}
-        return whole(self.make_run(experiment, entry["at"], tags, shortened(entry["name"])).info.run_id)
+        return require_id(self.make_run(experiment, entry["at"], tags, shortened(entry["name"])).info.run_id)
 
     def make_run(self, experiment: str, start: int, tags: Mapping[str, str], name: str) -> Run:
         """Make a run. Raises ExperimentError where the experiment was deleted in the meantime."""
@@ -231,7 +231,7 @@ def open_client(uri: str, outputs: Path) -> MlflowClient:
         return client
 
 
-def whole(identifier: str) -> str:
+def require_id(identifier: str) -> str:
     """An id from an answer. One that broke off after its first line reads as if it were empty."""
     if not identifier:
         raise OSError("the answer broke off")

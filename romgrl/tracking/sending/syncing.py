@@ -76,7 +76,7 @@ class Sync:
         except (*FAILURES, RefusedError) as error:
             self._away[uri] = explained(error, uri)
         finally:
-            for line in report(sender):
+            for line in brought_lines(sender):
                 self._say("text", redacted(line))
 
 
@@ -96,7 +96,7 @@ def send_all(sender: Sender, store: Store) -> None:
             time.sleep(PAUSE_SECONDS)
 
 
-def report(sender: Sender) -> list[str]:
+def brought_lines(sender: Sender) -> list[str]:
     """What was brought of each run, a line each."""
     lines = []
     for uid, counts in sender.counts.items():
