@@ -48,6 +48,20 @@ ALLOWED: dict[str, set[str]] = {
 }  # in an order in which each room imports only rooms above it
 
 
+SAME_CONCEPT = {
+    "main": "the way into a program",
+    "run": "what a command, a job or a stage does",
+    "serve": "what a process does that another one starts",
+    "STAGES": "names in the schema, records in the graph; a test holds them equal",
+    "Discriminator": "its settings and itself",
+    "GRAVITY": "of rooms that know nothing of each other",
+    "CONFIDENCE": "of intervals",
+    "RESAMPLES": "of intervals",
+    "SEED": "of intervals",
+    **dict.fromkeys(("Array", "Float32", "Floats", "Image", "Mirror", "Policy", "Rows"), "the type of an argument"),
+}  # public names that more than one room defines, and what they are in each
+
+
 def room(path: Path) -> str:
     """The top-level module or package that a file belongs to."""
     first = path.relative_to(ROOT / "romgrl").parts[0]
@@ -133,3 +147,23 @@ def test_help_is_quick_and_imports_nothing_heavy() -> None:
     assert float(seconds) < 1.5
     for word in ("stage=teacher", "-m speed=1,4", "experiment=paper", "hours", "fast_sac", "docs/configuration.md"):
         assert word in result.stdout
+
+
+def public_names(path: Path) -> set[str]:
+    """Functions, classes and constants that a module defines for others."""
+    names: set[str] = set()
+    for node in ast.parse(path.read_text(encoding="utf-8")).body:
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            names.add(node.name)
+        elif isinstance(node, ast.Assign | ast.AnnAssign):
+            targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+            names |= {target.id for target in targets if isinstance(target, ast.Name)}
+    return {name for name in names if not name.startswith("_")}
+
+
+def test_a_name_is_one_thing() -> None:
+    rooms: dict[str, set[str]] = {}
+    for path in SOURCES:
+        for name in public_names(path):
+            rooms.setdefault(name, set()).add(room(path))
+    assert {name for name, where in rooms.items() if len(where) > 1} == SAME_CONCEPT.keys()

@@ -22,7 +22,7 @@ from romgrl.humanoid import model
 from romgrl.pipeline import run as pipeline
 from romgrl.pipeline import worker
 from romgrl.provenance.stage_graph import STAGES as STAGE_GRAPH
-from romgrl.provenance.stage_keys import LABELS, stage_settings
+from romgrl.provenance.stage_keys import NAME_KEYS, stage_settings
 from romgrl.tracking.recorder import default_uri
 from tests.conftest import Composer
 
@@ -33,7 +33,7 @@ FREE = {
     "parallel_stages",
     "stage",
     "experiment",
-    *LABELS,
+    *NAME_KEYS,
 }  # may be read anywhere, change no result
 SIZELESS = {"humanoid.actuation", "humanoid.substeps"}  # the teacher builds the body only to measure it
 pytestmark = pytest.mark.xdist_group("smoke")  # one process makes the run that all of them read

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 Series = Mapping[str, NDArray[np.float64]]
 
-COLUMNS = (
+WATCHED = (
     "discriminator_accuracy_teacher",
     "discriminator_accuracy_student",
     "discriminator_logit_teacher",
@@ -26,7 +26,9 @@ COLUMNS = (
 )
 """What a diagnosis reads of a row."""
 
-ROWS = 5  # a diagnosis holds over this many rows, about 20,000 steps: the start of a training has bad rows in between
+LASTING_ROWS = (
+    5  # a diagnosis holds over this many rows, about 20,000 steps: the start of a training has bad rows in between
+)
 # Rewards are shares of what an undecided judge pays: bce log 2, least_squares 3/4, wasserstein 1.
 CERTAIN = 0.97  # accuracy on both streams; noise and dropout keep judges that are still useful near 0.9
 WORTHLESS = 0.18  # labels 0.1 and 0.9, told perfectly, leave softplus(-log 9) = 0.105, 0.15 of log 2
@@ -62,11 +64,11 @@ class TrainingSetting:
 
 def diagnose(rows: Sequence[Mapping[str, float]], setting: TrainingSetting) -> list[Diagnosis]:
     """All that holds over the last ROWS rows; nothing where there are fewer, or where a row lacks one of COLUMNS."""
-    last = rows[-ROWS:]
-    if len(last) < ROWS or any(name not in row for row in last for name in COLUMNS):
+    last = rows[-LASTING_ROWS:]
+    if len(last) < LASTING_ROWS or any(name not in row for row in last for name in WATCHED):
         return []
-    series = {name: np.array([row[name] for row in last]) for name in COLUMNS}
-    found = [check(series, setting) for check in CHECKS]
+    series = {name: np.array([row[name] for row in last]) for name in WATCHED}
+    found = [check(series, setting) for check in DIAGNOSES]
     return [diagnosis for diagnosis in found if diagnosis is not None]
 
 
@@ -156,7 +158,7 @@ def trend(values: NDArray[np.float64]) -> float:
     return float(((ranks - ranks.mean()) * (time - time.mean())).mean()) / spread if spread > 0 else 0.0
 
 
-CHECKS: tuple[Callable[[Series, TrainingSetting], Diagnosis | None], ...] = (
+DIAGNOSES: tuple[Callable[[Series, TrainingSetting], Diagnosis | None], ...] = (
     saturated,
     collapsed,
     overfitted,

@@ -218,8 +218,8 @@ JUDGED = ("discriminator.features", "discriminator.window", "discriminator.strid
 JUDGE = ("discriminator.enabled", *JUDGED, "discriminator.held_out", "student.mirror")
 CRITIC = ("discriminator.enabled", "discriminator.loss", "discriminator.gradient_penalty")
 SPRINGS = ("humanoid.mass", "humanoid.xml", "humanoid.control_frequency")
-LEARNING = ("student.", "discriminator.", "reference.", "evaluation.", "robustness.", "tracking.", "paths.")
-PRETRAINED = ("student.pretrained", *(key for key in schema_keys() if not key.startswith(LEARNING)))
+UNUSED_BY_SHIPPED = ("student.", "discriminator.", "reference.", "evaluation.", "robustness.", "tracking.", "paths.")
+PRETRAINED = ("student.pretrained", *(key for key in schema_keys() if not key.startswith(UNUSED_BY_SHIPPED)))
 CHECKS: tuple[tuple[tuple[str, ...], Callable[[Config], Iterator[str]]], ...] = (
     (RANGES, ranges),
     (LEVELS, levels),

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from romgrl.provenance.stage_graph import ACTIONS, STAGES
 
-TEXT = """romgrl: a humanoid learns to walk and run from a reduced-order model, with no human demonstration.
+HELP = """romgrl: a humanoid learns to walk and run from a reduced-order model, with no human demonstration.
 
   python -m romgrl                               the whole pipeline (about 15 minutes)
   python -m romgrl stage=teacher                 one stage, with what it needs
@@ -38,4 +38,4 @@ def usage(conf: Path) -> str:
     lines = [f"  {group.name:<14} {', '.join(sorted(file.stem for file in group.glob('*.yaml')))}" for group in groups]
     docs = {name: stage.doc + ("; no part of all" if stage.optional else "") for name, stage in STAGES.items()}
     stages = [f"             {name:<11} {doc}" for name, doc in (docs | ACTIONS).items()]
-    return TEXT.format(stages="\n".join(stages), groups="\n".join(lines))
+    return HELP.format(stages="\n".join(stages), groups="\n".join(lines))

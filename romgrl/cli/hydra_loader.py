@@ -29,7 +29,7 @@ from romgrl.config.values import one_line, refusal, schema_groups, schema_keys, 
 FILE_ERRORS = (YAMLError, UnicodeError, OSError)
 MALFORMED = (ValueError, TypeError, AttributeError, KeyError, AssertionError, RecursionError, UserWarning)
 """What Hydra raises where a file or a defaults list has another form than it expects."""
-PARTS = ("runtime", "schema")  # files beside conf/config.yaml that are no configuration by themselves
+NO_CHOICES = ("runtime", "schema")  # files beside conf/config.yaml that are no configuration by themselves
 
 
 class Loader:
@@ -91,7 +91,7 @@ class Loader:
             return [explanation(error)]
         group, _, choice = error.missing_cfg_file.removesuffix(".yaml").rpartition("/")
         choices = error.options or [
-            name for name in self.options_of(group) if name not in PARTS and not name.startswith("_")
+            name for name in self.options_of(group) if name not in NO_CHOICES and not name.startswith("_")
         ]
         key = group or ("--config-name" if choice == self.name else "defaults")
         return [refusal(key, choice, (", ".join(choices) or "a file that exists") + suggestion(choice, choices))]

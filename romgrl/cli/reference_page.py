@@ -10,8 +10,8 @@ from romgrl.cli.compose import CONF, compose_config
 from romgrl.config.schema import Config
 from romgrl.config.values import allowed, schema_keys, show, value_of
 
-PAGE = Path(__file__).resolve().parents[2] / "docs" / "configuration.md"
-HEAD = """# Configuration
+REFERENCE_PAGE = Path(__file__).resolve().parents[2] / "docs" / "configuration.md"
+REFERENCE_HEAD = """# Configuration
 
 Every key with its unit, the values it takes and its default. Set keys on the command line as `key=value`, and groups as
 `group=choice`; `python -m romgrl --cfg job` prints the result. Written from the schema by `make docs`: edit
@@ -24,7 +24,7 @@ def render() -> str:
     config = compose_config()
     keys = schema_keys()
     groups = list(dict.fromkeys(name.rpartition(".")[0] for name in keys))
-    return "\n".join([HEAD, *(group_section(group, keys, config) for group in groups)])
+    return "\n".join([REFERENCE_HEAD, *(group_section(group, keys, config) for group in groups)])
 
 
 def group_section(group: str, keys: dict[str, Field[Any]], config: Config) -> str:
@@ -51,7 +51,7 @@ def group_section(group: str, keys: dict[str, Field[Any]], config: Config) -> st
 
 def main() -> None:
     """Write the page."""
-    PAGE.write_text(render(), encoding="utf-8")
+    REFERENCE_PAGE.write_text(render(), encoding="utf-8")
 
 
 if __name__ == "__main__":

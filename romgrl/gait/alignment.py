@@ -18,10 +18,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from romgrl.gait.features import CHANNELS, Floats, Gait
+from romgrl.gait.features import ALIGNMENTS, CHANNELS, Floats, Gait
 from romgrl.gait.metrics import phase_lag, stride_frequency
 
-ALIGNMENTS = ("aligned", "raw")
 NOT_COMPARABLE = "not comparable"
 SMALLEST_VARIANCE = 1e-8  # m^2; a channel that does not move must not divide by zero
 

@@ -26,10 +26,9 @@ from romgrl.gait.alignment import (
     objection,
 )
 from romgrl.gait.dtw import warped_distance
-from romgrl.gait.features import CHANNELS, Floats, Gait
+from romgrl.gait.features import ALL, CHANNELS, Floats, Gait
 from romgrl.gait.mmd import median_distance, mmd_test, points
 
-ALL = "all"
 DISTANCES = ("mmd", "wasserstein", "dtw")
 DEVIATIONS = "teacher's standard deviations"
 UNITS = {("mmd", ALL): "1", ("wasserstein", ALL): DEVIATIONS, ("dtw", ALL): DEVIATIONS}
@@ -38,7 +37,7 @@ Row = tuple[str, str]  # distance and channel
 
 
 @dataclass(frozen=True)
-class Teacher:
+class TeacherScale:
     """The reference's episodes (T_i, 5), a window of the end of each (N, W, 5), mean and standard deviation (5,) m."""
 
     episodes: list[Floats]
@@ -60,7 +59,7 @@ def measure_distances(*, reference: Gait, student: Gait, baseline: Gait, window:
     others). baseline_p, student_p, floor_p: how often chance alone gives as much, for mmd. A walker upright in fewer
     than half of its episodes has no distance, and note says "not comparable".
     """
-    teacher = read_teacher(reference.upright_episodes, window)
+    teacher = scale_of(reference.upright_episodes, window)
     walkers = {"baseline": baseline, "student": student}
     found: dict[str, dict[Row, float]] = {}
     chance: dict[str, float] = {}
@@ -77,16 +76,16 @@ def measure_distances(*, reference: Gait, student: Gait, baseline: Gait, window:
     return pd.DataFrame(rows).assign(note=objection(walkers))
 
 
-def read_teacher(episodes: list[Floats], window: int) -> Teacher:
+def scale_of(episodes: list[Floats], window: int) -> TeacherScale:
     """What the distances need of the reference; one episode alone is cut into windows."""
     cut = episodes if len(episodes) > 1 else np.array_split(episodes[0], max(1, len(episodes[0]) // window))
     windows, frames = last_windows(list(cut), window), np.concatenate(episodes)
     mean, deviation = frames.mean(axis=0), np.sqrt(np.maximum(frames.var(axis=0), SMALLEST_VARIANCE))
     bandwidth = median_distance(points((windows - mean) / deviation))
-    return Teacher(episodes, windows, mean, deviation, bandwidth)
+    return TeacherScale(episodes, windows, mean, deviation, bandwidth)
 
 
-def from_teacher(windows: Floats, teacher: Teacher, seed: int) -> tuple[dict[Row, float], float]:
+def from_teacher(windows: Floats, teacher: TeacherScale, seed: int) -> tuple[dict[Row, float], float]:
     """Every distance of a walker's windows (E, W, 5) from the teacher and the p of mmd; none without windows."""
     if not len(windows):
         return {}, float("nan")
@@ -95,7 +94,7 @@ def from_teacher(windows: Floats, teacher: Teacher, seed: int) -> tuple[dict[Row
     return {("mmd", ALL): mmd, **apart, **warped([align(windows, teacher.episodes)], teacher)}, p
 
 
-def of_teacher(teacher: Teacher, window: int, seed: int) -> tuple[dict[Row, float], float]:
+def of_teacher(teacher: TeacherScale, window: int, seed: int) -> tuple[dict[Row, float], float]:
     """The same of one half of the teacher's episodes from the other; of a single episode, of its halves."""
     windows = teacher.standardised(teacher.windows)
     mmd, p = mmd_test(windows[0::2], windows[1::2], teacher.bandwidth, seed)
@@ -110,7 +109,7 @@ def wasserstein(frames: Floats, others: Floats, deviation: Floats) -> dict[Row, 
     return _by_channel("wasserstein", apart, float((apart / deviation).mean()))
 
 
-def warped(pairs: list[Alignment], teacher: Teacher) -> dict[Row, float]:
+def warped(pairs: list[Alignment], teacher: TeacherScale) -> dict[Row, float]:
     """DTW of aligned windows, mean over windows; none without pairs."""
     if not pairs:
         return {}

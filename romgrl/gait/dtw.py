@@ -17,7 +17,7 @@ import numpy as np
 
 from romgrl.gait.features import Floats
 
-BAND = 0.1  # of the window
+WARPING_BAND = 0.1  # of the window
 
 
 def warped_distance(windows: Floats, matched: Floats, scale: Floats) -> tuple[Floats, Floats]:
@@ -27,7 +27,7 @@ def warped_distance(windows: Floats, matched: Floats, scale: Floats) -> tuple[Fl
     in the unit of the channel. scale: (C,).
     """
     episodes, length, channels = windows.shape
-    reach = max(1, round(BAND * length))
+    reach = max(1, round(WARPING_BAND * length))
     sums = np.full((2, length, episodes, channels + 1), np.inf)  # two rows of g, then the channels' sums on its path
     for i in range(length):
         low, high = max(0, i - reach), min(length, i + reach + 1)

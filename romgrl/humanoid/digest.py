@@ -23,7 +23,7 @@ LOOKS = (
     *(f"stat.{size}" for size in ("center", "extent", "meanmass", "meansize")),
 )
 LOOKING = ("_rgba", "_matid", "_group", "texcoord", "texcoordadr", "texcoordnum", "_castshadow", "_width")
-DIGITS = 30  # binary digits that count, so that another processor's last bits do not
+HASHED_DIGITS = 30  # binary digits that count, so that another processor's last bits do not
 VANISHING = 1e-12  # smaller numbers are the noise of zero
 
 
@@ -80,5 +80,5 @@ def stable(values: NDArray[Any]) -> NDArray[Any]:
         return values
     numbers = np.where(np.abs(values) < VANISHING, 0.0, values.astype(np.float64))
     mantissa, exponent = np.frexp(numbers)
-    rounded: NDArray[np.float64] = np.ldexp(np.round(np.ldexp(mantissa, DIGITS)), exponent - DIGITS)
+    rounded: NDArray[np.float64] = np.ldexp(np.round(np.ldexp(mantissa, HASHED_DIGITS)), exponent - HASHED_DIGITS)
     return rounded

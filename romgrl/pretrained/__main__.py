@@ -18,10 +18,10 @@ from romgrl.provenance.stage_keys import stage_settings
 from romgrl.results.evaluation_index import (
     LINEAGE,
     FinishedEvaluation,
-    comparable,
     differing,
     evaluations,
     first_reasons,
+    simplified,
 )
 from romgrl.runtime.display import protect
 from romgrl.runtime.surroundings import adapt_environment
@@ -59,7 +59,7 @@ def find_evaluation(outputs: Path, config: Config) -> tuple[FinishedEvaluation, 
 def unlike(stage: str, manifest: Manifest, config: Config) -> list[str]:
     """In what an artifact differs from a configuration, such as `eta 0.3 instead of 0.5`; keys that came later do not
     count, as they do not in `shipped.other_settings`."""
-    wanted = comparable(stage_settings(stage, config))
+    wanted = simplified(stage_settings(stage, config))
     return [text for key, text in differing(manifest.config, wanted) if key in wanted and key in manifest.config]
 
 

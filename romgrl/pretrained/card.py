@@ -12,7 +12,7 @@ from romgrl.report.tables import distance_table, error_table, gait_table, markdo
 from romgrl.results.evaluation_index import FinishedEvaluation
 from romgrl.runtime.stage_log import format_duration
 
-TEXT = """# Model card: the pretrained teacher, student and baseline of romgrl
+CARD_TEXT = """# Model card: the pretrained teacher, student and baseline of romgrl
 
 Written by `python -m romgrl.pretrained` from the manifests of the artifacts and the tables of their evaluation.
 
@@ -58,7 +58,7 @@ def write_card(evaluation: FinishedEvaluation, manifests: Mapping[str, Manifest]
     """The card in Markdown."""
     student, scored = manifests["student"].config, evaluation.manifest.config
     tables = {name: pd.read_csv(evaluation.directory / f"{name}.csv") for name in ("mse", "gait", "distances")}
-    return TEXT.format(
+    return CARD_TEXT.format(
         speed=show(student["speed"]),
         teacher_speed=show(student["teacher.speed"]),
         height=show(student["humanoid.height"]),
@@ -67,8 +67,8 @@ def write_card(evaluation: FinishedEvaluation, manifests: Mapping[str, Manifest]
         noise=show(student["noise"]),
         seed=evaluation.manifest.seed,
         trainings=markdown(trainings(manifests)),
-        versions=versions(manifests),
-        settings=markdown(settings(manifests)),
+        versions=card_versions(manifests),
+        settings=markdown(training_settings(manifests)),
         episodes=scored["evaluation.episodes"],
         steps=scored["evaluation.steps"],
         window=scored["evaluation.window"],
@@ -90,7 +90,7 @@ def trainings(manifests: Mapping[str, Manifest]) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def versions(manifests: Mapping[str, Manifest]) -> str:
+def card_versions(manifests: Mapping[str, Manifest]) -> str:
     """With which libraries, in one line for each set of them."""
     lines = [
         f"{', '.join(f'{name} {version}' for name, version in sorted(each.versions.items()))}"
@@ -99,7 +99,7 @@ def versions(manifests: Mapping[str, Manifest]) -> str:
     return "\n".join(f"Made with {line}." for line in dict.fromkeys(lines))
 
 
-def settings(manifests: Mapping[str, Manifest]) -> pd.DataFrame:
+def training_settings(manifests: Mapping[str, Manifest]) -> pd.DataFrame:
     """Every setting of a training, by key, with a column for each of the three."""
     keys = sorted({key for manifest in manifests.values() for key in manifest.config})
     return pd.DataFrame(

@@ -11,7 +11,7 @@ from pathlib import Path
 PACKAGE = Path(__file__).resolve().parents[1]
 CORE = PACKAGE.parent / "cpp"  # in a checkout
 DRAWING = ("romgrl.rom.drawing", "romgrl.humanoid.rendering")
-PAGE = (".css", ".html", ".js")
+PAGE_SUFFIXES = (".css", ".html", ".js")
 
 
 @cache
@@ -56,7 +56,7 @@ def source_files(module: str, package: Path = PACKAGE, core: Path = CORE) -> dic
             if path.with_suffix(".csv").is_file():
                 files[f"{name}.csv"] = path.with_suffix(".csv")
             if path.name == "__init__.py":
-                files |= {f"{name}.{part.name}": part for part in path.parent.iterdir() if part.suffix in PAGE}
+                files |= {f"{name}.{part.name}": part for part in path.parent.iterdir() if part.suffix in PAGE_SUFFIXES}
             waiting += imported(path)
             waiting += [parent for parent in parents(name) if parent not in files]
         elif core.is_dir():

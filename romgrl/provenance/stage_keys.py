@@ -18,7 +18,7 @@ from romgrl.provenance.stage_graph import STAGES
 from romgrl.provenance.versions import computing_versions
 
 NAMED = ("rom", "teacher", "humanoid", "student", "discriminator")
-LABELS = tuple(f"{group}.name" for group in NAMED)  # say what was chosen, change nothing
+NAME_KEYS = tuple(f"{group}.name" for group in NAMED)  # say what was chosen, change nothing
 
 
 def stage_config(stage: str, config: Config) -> Config:
@@ -46,7 +46,7 @@ def stage_settings(stage: str, config: Config) -> dict[str, Any]:
     if settings.get("humanoid.xml") is not None:
         del settings["humanoid.xml"]
         settings |= body_settings(stage, config)
-    return {name: settings[name] for name in sorted(settings.keys() - set(LABELS))}
+    return {name: settings[name] for name in sorted(settings.keys() - set(NAME_KEYS))}
 
 
 def body_settings(stage: str, config: Config) -> dict[str, Any]:

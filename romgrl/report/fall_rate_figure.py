@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 
-from romgrl.report.style import COLORS, INK, LABELS, dress, new_figure
+from romgrl.report.style import COLORS, INK, WALKER_LABELS, dress, new_figure
 
 TITLES = {
     "push_forward": ("push forward", "impulse per body mass [N s/kg]"),
@@ -41,4 +41,6 @@ def _curves(axes: Axes, rows: pd.DataFrame) -> None:
     for walker in ("baseline", "student"):
         own = rows[rows.walker == walker].sort_values("level")
         axes.fill_between(own.level, own.low, own.high, color=COLORS[walker], alpha=0.18, linewidth=0)
-        axes.plot(own.level, own.fall_rate, color=COLORS[walker], linewidth=1.6, marker="o", ms=3, label=LABELS[walker])
+        axes.plot(
+            own.level, own.fall_rate, color=COLORS[walker], linewidth=1.6, marker="o", ms=3, label=WALKER_LABELS[walker]
+        )

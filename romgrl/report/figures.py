@@ -12,9 +12,19 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from romgrl.gait.features import BODY_Y, CHANNELS, LEFT_X, LEFT_Z, RIGHT_X, RIGHT_Z, Floats
-from romgrl.report.style import BASELINE, CHANNEL_LABELS, COLORS, INK, LABELS, STUDENT, TEACHER, dress, new_figure
+from romgrl.report.style import (
+    BASELINE,
+    CHANNEL_LABELS,
+    COLORS,
+    INK,
+    STUDENT,
+    TEACHER,
+    WALKER_LABELS,
+    dress,
+    new_figure,
+)
 
-FEET = ((LEFT_X, LEFT_Z, "-"), (RIGHT_X, RIGHT_Z, (0, (1.2, 1.2))))
+FOOT_CHANNELS = ((LEFT_X, LEFT_Z, "-"), (RIGHT_X, RIGHT_Z, (0, (1.2, 1.2))))
 PATH_TIME = 1.6  # s of the paths over ground: two or three strides of a run
 EMPHASIS: dict[str, dict[str, Any]] = {
     "teacher": {"linewidth": 2.2, "alpha": 0.9},
@@ -43,7 +53,7 @@ def paths(pairs: Mapping[str, Pair], dt: float, speed: float) -> Figure:
     grid = figure.add_gridspec(2, 6, height_ratios=(1.0, 1.15))
     for place, name in enumerate(("student", "baseline")):
         axes = figure.add_subplot(grid[0, 3 * place : 3 * place + 3])
-        dress(axes, title=f"{LABELS[name]} over the teacher", xlabel="distance [m]", ylabel="height [m]")
+        dress(axes, title=f"{WALKER_LABELS[name]} over the teacher", xlabel="distance [m]", ylabel="height [m]")
         if name in pairs:
             pair = pairs[name]
             _over_ground(axes, pair.teacher, pair.teacher_velocity, dt, "teacher")
@@ -53,7 +63,7 @@ def paths(pairs: Mapping[str, Pair], dt: float, speed: float) -> Figure:
         axes.set_ylim(bottom=0.0)
     walkers = _walkers(pairs)
     steps, loops = round(PATH_TIME / dt), None
-    for place, (x, z, _) in enumerate(FEET):
+    for place, (x, z, _) in enumerate(FOOT_CHANNELS):
         loops = figure.add_subplot(grid[1, 2 * place : 2 * place + 2], sharex=loops, sharey=loops)
         side = ("left", "right")[place]
         dress(loops, title=f"{side} foot about the pelvis", xlabel="forward of the pelvis [m]", ylabel="height [m]")
@@ -89,7 +99,11 @@ def time_series(pair: Pair | None, dt: float, speed: float) -> Figure:
     axes[-1].set_xlabel(f"time step of {1000 * dt:.1f} ms", fontsize=9, color=INK)
     axes[-1].set_xlim(0, len(steps) - 1)
     figure.legend(
-        axes[0].lines, [LABELS["teacher"], LABELS["student"]], loc="outside upper right", ncols=2, frameon=False
+        axes[0].lines,
+        [WALKER_LABELS["teacher"], WALKER_LABELS["student"]],
+        loc="outside upper right",
+        ncols=2,
+        frameon=False,
     )
     return figure
 
@@ -145,7 +159,7 @@ def _over_ground(axes: Axes, window: Floats, velocity: Floats, dt: float, name: 
     window = window[:steps]
     travelled = np.concatenate(([0.0], np.cumsum(velocity[: steps - 1]) * dt))
     axes.plot(travelled, window[:, BODY_Y], color=COLORS[name], **EMPHASIS[name])
-    for x, z, line in FEET:
+    for x, z, line in FOOT_CHANNELS:
         style = {**EMPHASIS[name], "linestyle": line}
         axes.plot(travelled + window[:, x], window[:, BODY_Y] + window[:, z], color=COLORS[name], **style)
 
@@ -155,7 +169,7 @@ def _bars(axes: Axes, rows: pd.DataFrame) -> None:
     highest = np.nanmax([*rows.baseline, *rows.student, *rows.teacher_floor, 0.0]) or 1.0
     for offset, name, color in ((-0.2, "baseline", BASELINE), (0.2, "student", STUDENT)):
         values = rows[name].to_numpy(float)
-        axes.bar(places + offset, np.nan_to_num(values), 0.38, color=color, label=LABELS[name])
+        axes.bar(places + offset, np.nan_to_num(values), 0.38, color=color, label=WALKER_LABELS[name])
         for place, value in zip(places, values, strict=True):
             text, y = (f"{value:.4f}", value) if np.isfinite(value) else ("not\ncomparable", 0.0)
             axes.text(place + offset, y + 0.01 * highest, text, ha="center", va="bottom", fontsize=7, color=INK)
@@ -183,7 +197,9 @@ def _legend(figure: Figure, names: Mapping[str, object], title: str) -> None:
     shown = [name for name in COLORS if name in names]
     handles = [Line2D([], [], color=COLORS[name], linewidth=2.2) for name in shown]
     figure.suptitle(title, fontsize=12, x=0.01, ha="left", color=INK)
-    figure.legend(handles, [LABELS[n] for n in shown], loc="outside lower center", ncols=3, frameon=False, fontsize=9)
+    figure.legend(
+        handles, [WALKER_LABELS[n] for n in shown], loc="outside lower center", ncols=3, frameon=False, fontsize=9
+    )
 
 
 def _absent(axes: Axes, text: str = "not comparable: too few upright episodes") -> None:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from romgrl.gait.features import Floats
 from romgrl.report.encoder import FilmError, Image, write_film
-from romgrl.report.style import COLORS, INK, LABELS, new_figure
+from romgrl.report.style import COLORS, INK, WALKER_LABELS, new_figure
 
 __all__ = ["FilmError", "Image", "write_film"]
 LEFT, RIGHT = "L_", "R_"
@@ -70,7 +70,7 @@ def _strip(rows: Mapping[str, Sequence[Any] | Floats], times: Mapping[str, Float
     figure = new_figure(1.35 * poses, 2.15 * max(1, len(rows)) + 0.3)
     grid = figure.subplots(max(1, len(rows)), poses, squeeze=False)
     for name, axes in zip(rows, grid, strict=True):
-        axes[0].set_ylabel(LABELS[name], fontsize=9, color=COLORS[name])
+        axes[0].set_ylabel(WALKER_LABELS[name], fontsize=9, color=COLORS[name])
         for plot, time in zip(axes, times[name], strict=True):
             plot.set_xlabel(f"{time:.2f} s", fontsize=8, color=INK)
     figure.suptitle("One stride of each walker", fontsize=12, x=0.01, ha="left", color=INK)

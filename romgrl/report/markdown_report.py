@@ -11,7 +11,7 @@ from romgrl.gait.measures import MEANINGS
 from romgrl.report.human_band_figure import human_table
 from romgrl.report.tables import definitions, distance_table, error_table, gait_table, markdown
 
-NUMBERS = {
+HOW_OBTAINED = {
     "error": "mean squared error per channel over the last {window} steps of every episode without a fall, laid over "
     "the window of the teacher's reference (within one of its episodes) with the least error, all five channels "
     "shifted by the same time and weighted by their variance; mean over episodes. Raw: over the reference's first "
@@ -84,7 +84,7 @@ def setup_of(facts: Facts) -> str:
 def meanings(facts: Facts) -> dict[str, str]:
     """How each number was obtained."""
     values = {"window": facts.window, "steps": facts.steps}
-    return {name: text.format(**values) for name, text in NUMBERS.items()}
+    return {name: text.format(**values) for name, text in HOW_OBTAINED.items()}
 
 
 def humans(speed: float) -> str:

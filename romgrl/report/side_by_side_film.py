@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from romgrl.report.style import COLORS, LABELS
+from romgrl.report.style import COLORS, WALKER_LABELS
 from romgrl.rom.drawing import draw
 from romgrl.rom.parameters import SpringLegParameters
 
@@ -22,7 +22,7 @@ TEXT = 0.045  # height of the names, share of the picture's
 
 
 @dataclass(frozen=True)
-class Teacher:
+class FilmedTeacher:
     """The arrays of reference.npz, and the reduced-order model that made them."""
 
     arrays: Mapping[str, NDArray[Any]]
@@ -64,5 +64,5 @@ def named(frame: Picture, name: str) -> Picture:
     image = Image.fromarray(frame)
     size = round(TEXT * frame.shape[0])
     canvas = ImageDraw.Draw(image)
-    canvas.text((size // 2, size // 2), LABELS[name], fill=COLORS[name], font=ImageFont.load_default(size))
+    canvas.text((size // 2, size // 2), WALKER_LABELS[name], fill=COLORS[name], font=ImageFont.load_default(size))
     return np.asarray(image)

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 TEACHER, STUDENT, BASELINE = "#009e73", "#0072b2", "#d55e00"  # Okabe and Ito 2008: told apart by colour-blind eyes
 COLORS = {"teacher": TEACHER, "student": STUDENT, "baseline": BASELINE}
-LABELS = {
+WALKER_LABELS = {
     "teacher": "teacher (reduced-order model)",
     "student": "student (ROM-GRL)",
     "baseline": "baseline (reward only)",

@@ -9,15 +9,13 @@ from pathlib import Path
 
 from rich.table import Table
 
-from romgrl.gait.features import CHANNELS
+from romgrl.gait.features import ALIGNMENTS, ALL, CHANNELS
 from romgrl.gait.measures import MEASURES
 from romgrl.provenance.stage_graph import STAGES
 from romgrl.report.numbers import UNKNOWN, measured, significant
 
 Rows = list[dict[str, str]]
-ALIGNMENTS = ("aligned", "raw")
-ALL = "all"
-MEASURED = ("baseline", "student", "teacher_floor", "baseline_p", "student_p")
+DISTANCES_SHOWN = ("baseline", "student", "teacher_floor", "baseline_p", "student_p")
 GROWING = ("push_forward", "push_backward", "observation_noise")
 HALF = 0.5
 HEADLINE = {
@@ -32,7 +30,7 @@ HEADLINE = {
     "09_trunk_lean_deg": "student/trunk_lean_deg",
 }  # numbers that matter most, and the names under which MLflow shows them before all others
 TRAINING_MINUTES = "10_training_minutes"
-SHOWN = ("baseline", "student", "reduction_percent")
+ERRORS_SHOWN = ("baseline", "student", "reduction_percent")
 
 
 def result_tables(evaluation: Path) -> list[Table]:
@@ -120,11 +118,11 @@ def terminal_error_table(rows: Rows) -> Table:
     table = Table(title="Error against the reference (m^2)", title_justify="left", caption="\n".join(notes) or None)
     table.add_column("channel", no_wrap=True)
     for alignment in ALIGNMENTS:
-        for column in SHOWN:
+        for column in ERRORS_SHOWN:
             table.add_column(f"{alignment}\n{column.replace('reduction_percent', 'reduction %')}", justify="right")
-    cells = {(row["channel"], row["alignment"]): [short(row[column]) for column in SHOWN] for row in rows}
+    cells = {(row["channel"], row["alignment"]): [short(row[column]) for column in ERRORS_SHOWN] for row in rows}
     for channel in dict.fromkeys(row["channel"] for row in rows):
-        found = [cells.get((channel, alignment), [""] * len(SHOWN)) for alignment in ALIGNMENTS]
+        found = [cells.get((channel, alignment), [""] * len(ERRORS_SHOWN)) for alignment in ALIGNMENTS]
         table.add_row(channel, *found[0], *found[1])
     return table
 
@@ -133,11 +131,11 @@ def terminal_distance_table(rows: Rows) -> Table:
     """One row per distance, all channels together."""
     table = Table(title="Distance from the reference", title_justify="left")
     table.add_column("distance", no_wrap=True)
-    for column in (*MEASURED, "unit"):
+    for column in (*DISTANCES_SHOWN, "unit"):
         table.add_column(column.replace("_", "\n"), justify="right")
     for row in rows:
         if row["channel"] == ALL:
-            table.add_row(row["distance"], *(short(row[column]) for column in (*MEASURED, "unit")))
+            table.add_row(row["distance"], *(short(row[column]) for column in (*DISTANCES_SHOWN, "unit")))
     return table
 
 

@@ -106,8 +106,8 @@ def differences(evaluation: FinishedEvaluation, config: Config) -> list[str]:
     """In what an evaluation differs from a configuration with its seed, such as `eta 0.3 instead of 0.5`."""
     found: dict[str, str] = {}
     for stage in LINEAGE:
-        wanted = comparable(stage_settings(stage, config)) | {"seed": evaluation.manifest.seed}
-        candidates = [dict(differing(comparable(each.config), wanted)) for each in evaluation.lineage.get(stage, [])]
+        wanted = simplified(stage_settings(stage, config)) | {"seed": evaluation.manifest.seed}
+        candidates = [dict(differing(simplified(each.config), wanted)) for each in evaluation.lineage.get(stage, [])]
         if not candidates:
             found[stage] = f"its {stage} is not there any more"
         else:
@@ -126,7 +126,7 @@ def differing(had: Settings, wanted: Settings) -> Iterator[tuple[str, str]]:
             yield key, f"{key} {show(had[key])} instead of {show(wanted[key])}"
 
 
-def comparable(settings: Mapping[str, Any]) -> Settings:
+def simplified(settings: Mapping[str, Any]) -> Settings:
     """Settings as a manifest reads them back."""
     return dict(json.loads(json.dumps(settings)))
 

@@ -23,7 +23,7 @@ GAIT = {
     "trunk_lean_deg": ("trunk lean, forward positive [deg]", 0),
     "stride_frequency_hz": ("strides [Hz]", 2),
 }
-ROWS = {
+README_ROWS = {
     "average/aligned/reduction_percent": ("aligned error, average: reduction [%]", 1),
     **{
         f"{channel}/aligned/reduction_percent": (f"aligned error, {CHANNEL_LABELS[channel]}: reduction [%]", 1)
@@ -60,13 +60,13 @@ def runs_table(jobs: Sequence[JobResult]) -> pd.DataFrame:
         assert each.evaluation is not None
         of = each.evaluation.settings
         groups.setdefault((float(of["speed"]), float(of["teacher.speed"])), []).append(each)
-    table = {"mean (smallest to largest)": [label for label, _ in ROWS.values()]}
+    table = {"mean (smallest to largest)": [label for label, _ in README_ROWS.values()]}
     for (speed, taught), several in sorted(groups.items(), reverse=True):
         seeds = len({each.evaluation.manifest.seed for each in several if each.evaluation})
         title = f"{speed:g} m/s, {seeds} seed{'s' if seeds > 1 else ''}"
         title += f", teacher of {taught:g} m/s" if taught != speed else ""
         title += ", short budget" if any(each.short for each in several) else ""
-        table[title] = [mean_and_range(several, name, decimals) for name, (_, decimals) in ROWS.items()]
+        table[title] = [mean_and_range(several, name, decimals) for name, (_, decimals) in README_ROWS.items()]
     return pd.DataFrame(table)
 
 

@@ -134,11 +134,11 @@ def claims(jobs: Sequence[JobResult], directory: Path) -> list[str]:
         evaluations = [each.evaluation for each in cell if each.evaluation is not None]
         of = evaluations[0].settings
         name = f"{of['speed']:g} m/s, teacher of {of['teacher.speed']:g} m/s"
-        text += [f"### Claims at {name}", "", *remarks(cell), *claim_tables(evaluations, directory)]
+        text += [f"### Claims at {name}", "", *notes_of(cell), *claim_tables(evaluations, directory)]
     return text
 
 
-def remarks(cell: Sequence[JobResult]) -> list[str]:
+def notes_of(cell: Sequence[JobResult]) -> list[str]:
     """What must stand beside the numbers of a cell."""
     seeds = ", ".join(each.swept.get("seed", "default") for each in cell)
     lines = [f"Seeds {seeds}." if len(cell) > 1 else f"One seed ({seeds})."]

@@ -20,16 +20,16 @@ from romgrl.results.evaluation_index import TEACHER, Catalogue, FinishedEvaluati
 from romgrl.results.statistics import improvement_interval, probability_of_improvement, summarize
 from romgrl.results.sweep_record import JobEnd, Sweep, settings
 
-SEED = "seed"
-ERRORS = [f"{channel}/aligned" for channel in (*CHANNELS, "average")] + ["average/raw"]
+SEED_KEY = "seed"
+ERROR_NUMBERS = [f"{channel}/aligned" for channel in (*CHANNELS, "average")] + ["average/raw"]
 BASELINE = "average/aligned/baseline"  # missing where too many of the baseline's episodes fell
-DISTANCES = ["mmd/all", "wasserstein/all", "dtw/all"]
-WALKERS = ("student", "baseline", "teacher", TEACHER)
-MEASURES = [
-    *(f"{name}/reduction_percent" for name in ERRORS),
+DISTANCE_NUMBERS = ["mmd/all", "wasserstein/all", "dtw/all"]
+SUMMARISED = ("student", "baseline", "teacher", TEACHER)
+NUMBERS = [
+    *(f"{name}/reduction_percent" for name in ERROR_NUMBERS),
     "weakest/aligned/reduction_percent",
-    *(f"{name}/{walker}" for name in [*ERRORS, *DISTANCES] for walker in WALKERS[:2]),
-    *(f"{walker}/{name}" for walker in WALKERS for name in SWEPT),
+    *(f"{name}/{walker}" for name in [*ERROR_NUMBERS, *DISTANCE_NUMBERS] for walker in SUMMARISED[:2]),
+    *(f"{walker}/{name}" for walker in SUMMARISED for name in SWEPT),
     "student/stride_frequency_deviation_percent",
 ]
 
@@ -48,7 +48,7 @@ class JobResult:
     @property
     def cell(self) -> tuple[str, ...]:
         """The values of all swept keys but the seed."""
-        return tuple(value for key, value in self.swept.items() if key != SEED)
+        return tuple(value for key, value in self.swept.items() if key != SEED_KEY)
 
 
 def of_students(cells: pd.DataFrame) -> bool:
@@ -132,8 +132,8 @@ def cells_table(found: list[JobResult]) -> pd.DataFrame:
             cells.setdefault(each.cell, []).append(each)
     rows = []
     for several in cells.values():
-        swept = {key: value for key, value in several[0].swept.items() if key != SEED}
-        rows += [swept | row for row in (number_row(several, measure) for measure in MEASURES) if row]
+        swept = {key: value for key, value in several[0].swept.items() if key != SEED_KEY}
+        rows += [swept | row for row in (number_row(several, measure) for measure in NUMBERS) if row]
     return pd.DataFrame(rows)
 
 

@@ -13,12 +13,12 @@ from romgrl.report.numbers import significant
 from romgrl.report.tables import markdown
 from romgrl.report.terminal_tables import run_link
 from romgrl.results.evaluation_index import LINEAGE
-from romgrl.results.sweep_cells import SEED, JobResult
+from romgrl.results.sweep_cells import SEED_KEY, JobResult
 from romgrl.results.sweep_record import Sweep
 
 BEST = 5
 REDUCTION, ERROR = "average/aligned/reduction_percent", "average/aligned/student"
-SHOWN = {
+BEST_COLUMNS = {
     REDUCTION: "reduction [%]",
     ERROR: "error, ROM-GRL [m²]",
     "weakest/aligned/reduction_percent": "weakest channel [%]",
@@ -36,8 +36,8 @@ def best_jobs(found: Sequence[JobResult]) -> list[str]:
     rows = []
     for each in ranked[:BEST]:
         manifest = each.evaluation.manifest if each.evaluation else None
-        numbers = {label: significant(each.numbers.get(name, math.nan)) for name, label in SHOWN.items()}
-        seed = {} if manifest is None or SEED in each.swept else {SEED: manifest.seed}
+        numbers = {label: significant(each.numbers.get(name, math.nan)) for name, label in BEST_COLUMNS.items()}
+        seed = {} if manifest is None or SEED_KEY in each.swept else {SEED_KEY: manifest.seed}
         run = run_link(manifest.key, manifest.run_id) if manifest else ""
         rows.append({**each.swept, **seed, **numbers, "evaluation": run})
     return ["## Best jobs", "", markdown(pd.DataFrame(rows))] if rows else []

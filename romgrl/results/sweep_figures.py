@@ -15,11 +15,11 @@ from matplotlib.figure import Figure
 from romgrl.gait.measures import MEASURES
 from romgrl.report.numbers import significant
 from romgrl.report.style import BASELINE, INK, STUDENT, TEACHER, dress, new_figure
-from romgrl.results.sweep_cells import SEED, of_students
+from romgrl.results.sweep_cells import SEED_KEY, of_students
 
 Keys = tuple[str, ...]
 
-PANELS = {
+SWEEP_PANELS = {
     "reduction of the aligned error [%]": {"average": "average/aligned/reduction_percent"},
     "reduction of the weakest channel [%]": {"weakest": "weakest/aligned/reduction_percent"},
     "aligned error, average [m²]": {"student": "average/aligned/student", "baseline": "average/aligned/baseline"},
@@ -49,7 +49,7 @@ MAPS: Keys = (
     "student/steady_speed_m_per_s",
 )  # of those with numbers the first three
 TEACHER_MAPS: Keys = ("teacher/falls_percent", "teacher/speed_error_percent", "teacher/duty_factor")
-COLORS = {"student": STUDENT, "baseline": BASELINE, "teacher": TEACHER, "average": STUDENT, "weakest": STUDENT}
+LINE_COLORS = {"student": STUDENT, "baseline": BASELINE, "teacher": TEACHER, "average": STUDENT, "weakest": STUDENT}
 LINES = {"student": "-", "average": "-", "weakest": "-", "baseline": "--", "teacher": ":"}
 MOST_LINES = 6  # of combinations of the other keys in one panel; of more, only points are drawn
 
@@ -58,9 +58,9 @@ def figures(cells: pd.DataFrame, jobs: pd.DataFrame, title: str) -> dict[str, Fi
     """Figures by name: `by_eta` for every swept key, `map_eta_noise` for every two of them."""
     if cells.empty:
         return {}
-    keys = [name for name in cells.columns[: list(cells.columns).index("number")] if name != SEED]
+    keys = [name for name in cells.columns[: list(cells.columns).index("number")] if name != SEED_KEY]
     numbers = set(cells["number"])
-    wanted, mapped = (PANELS, MAPS) if of_students(cells) else (TEACHER_PANELS, TEACHER_MAPS)
+    wanted, mapped = (SWEEP_PANELS, MAPS) if of_students(cells) else (TEACHER_PANELS, TEACHER_MAPS)
     panels = dict([(label, of) for label, of in wanted.items() if numbers & {*of.values()}][: len(TEACHER_PANELS)])
     maps = tuple(measure for measure in mapped if measure in numbers)[: len(TEACHER_MAPS)]
     found = {f"by_{plain(key)}": against(key, keys, cells, jobs, panels, title) for key in keys}
@@ -101,7 +101,7 @@ def against(
         for (who, measure), (index, line) in product(measures.items(), enumerate(lines)):
             chosen = dict(zip(others, line, strict=False))
             several = len(lines) > 1
-            color = colormaps["viridis"](index / (len(lines) - 1) * 0.85) if several else COLORS[who]
+            color = colormaps["viridis"](index / (len(lines) - 1) * 0.85) if several else LINE_COLORS[who]
             style = LINES[who] if len(lines) == len(found) and numeric(cells[key]) else ""
             offset = (index - (len(lines) - 1) / 2) * 0.012 * spread([*places.values()])
             name = ", ".join(f"{other}={value}" for other, value in chosen.items()) if several else who
@@ -113,7 +113,7 @@ def against(
             axes.legend(fontsize=7, frameon=False)
     styles = "; student solid, baseline dashed, teacher dotted" if len(lines) > 1 else ""
     more = f"; the {len(found)} combinations of {', '.join(others)} together" if len(lines) < len(found) else ""
-    heading(figure, f"{title}: {remark(cells)}{styles}{more}")
+    heading(figure, f"{title}: {note_of(cells)}{styles}{more}")
     return figure
 
 
@@ -185,11 +185,11 @@ def heat_maps(keys: tuple[str, str], cells: pd.DataFrame, maps: Keys, title: str
         axes.set_ylabel(keys[0], fontsize=9, color=INK)
         if np.isfinite(grid).any():
             figure.colorbar(image, ax=axes)
-    heading(figure, f"{title}: {remark(cells)}")
+    heading(figure, f"{title}: {note_of(cells)}")
     return figure
 
 
-def remark(cells: pd.DataFrame) -> str:
+def note_of(cells: pd.DataFrame) -> str:
     """On how many seeds the points stand, and what must be said beside them."""
     fewest, most = int(cells["seeds"].min()), int(cells["seeds"].max())
     seeds = (

@@ -11,12 +11,12 @@ import pandas as pd
 from romgrl.report.numbers import significant
 from romgrl.report.tables import markdown
 from romgrl.results.fall_rates import write_disturbances
-from romgrl.results.sweep_cells import SEED, JobResult, cells_table, jobs_table, of_students, results
+from romgrl.results.sweep_cells import SEED_KEY, JobResult, cells_table, jobs_table, of_students, results
 from romgrl.results.sweep_cost import best_jobs, cost
 from romgrl.results.sweep_record import RESULTS, Sweep
 
-TABLE = "table.md"
-COLUMNS = {
+TABLE_FILE = "table.md"
+TABLE_COLUMNS = {
     "average/aligned/reduction_percent": "reduction [%]",
     "weakest/aligned/reduction_percent": "weakest channel [%]",
     "average/aligned/student": "error, ROM-GRL [m²]",
@@ -43,7 +43,9 @@ def write_joint(sweep: Sweep, outputs: Path) -> Path:
     table, _ = write_tables(sweep, found, outputs, directory)
     command = ["Started by", "", f"    {sweep.command}", ""]
     lines = [f"# {sweep.title}", "", *table, *failures(found), "", *best_jobs(found), ""]
-    (directory / TABLE).write_text("\n".join([*lines, *cost(sweep, found, outputs), "", *command]), encoding="utf-8")
+    (directory / TABLE_FILE).write_text(
+        "\n".join([*lines, *cost(sweep, found, outputs), "", *command]), encoding="utf-8"
+    )
     return directory
 
 
@@ -72,8 +74,8 @@ def joint_table(cells: pd.DataFrame) -> str:
     """One row per cell: mean [95% interval] of the main numbers, probability of improvement, seeds, what to know."""
     if cells.empty:
         return "No job has numbers to compare.\n"
-    keys = [name for name in cells.columns[: list(cells.columns).index("number")] if name != SEED]
-    columns = COLUMNS if of_students(cells) else TEACHER_COLUMNS
+    keys = [name for name in cells.columns[: list(cells.columns).index("number")] if name != SEED_KEY]
+    columns = TABLE_COLUMNS if of_students(cells) else TEACHER_COLUMNS
     rows = []
     for values, cell in cells.groupby(keys, sort=False) if keys else [((), cells)]:
         by_number = cell.set_index("number")

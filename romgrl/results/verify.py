@@ -10,10 +10,9 @@ from pathlib import Path
 
 from romgrl.config.schema import Config
 from romgrl.errors import ArtifactError
-from romgrl.gait.features import CHANNELS
+from romgrl.gait.features import ALIGNMENTS, CHANNELS
 from romgrl.provenance.shipped import is_pretrained
 from romgrl.report.numbers import significant
-from romgrl.report.terminal_tables import ALIGNMENTS
 from romgrl.results.claims import (
     ENOUGH_SEEDS,
     TOO_FEW,

@@ -14,7 +14,7 @@ STDERR = 2
 PATIENCE_MILLISECONDS = 10_000  # with a reader that has stopped, as Ctrl-S does
 PIECE_BYTES = 512  # that a pipe takes at once where it says that there is room
 STREAMS = {1: "stdout", STDERR: "stderr"}
-ERRORS = {1: "replace", STDERR: "backslashreplace"}  # what becomes of letters that a terminal does not have
+ENCODING_ERRORS = {1: "replace", STDERR: "backslashreplace"}  # what becomes of letters that a terminal does not have
 
 
 def protect() -> None:
@@ -69,7 +69,7 @@ def guard_stream(stream: TextIO | None, raw: Guarded) -> TextIO:
     return io.TextIOWrapper(
         raw,
         encoding=getattr(stream, "encoding", "utf-8"),
-        errors=ERRORS[raw.descriptor],
+        errors=ENCODING_ERRORS[raw.descriptor],
         line_buffering=getattr(stream, "line_buffering", True),
         write_through=getattr(stream, "write_through", False),
     )

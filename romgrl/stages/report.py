@@ -51,10 +51,12 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
     remove_films(output)  # of an attempt that was stopped
     camera = open_camera(model, log)
     try:
-        pictures["filmstrip"] = filmstrip(model, camera, states, rates, dt)
+        pictures["filmstrip"] = draw_filmstrip(model, camera, states, rates, dt)
         films = []
         if camera is not None and config.evaluation.video:
-            teacher = side_by_side_film.Teacher(read_reference(inputs["reference"], config), rom_parameters(config))
+            teacher = side_by_side_film.FilmedTeacher(
+                read_reference(inputs["reference"], config), rom_parameters(config)
+            )
             films = films_or_none(camera, states, teacher, dt, output, log)
     finally:
         if camera is not None:
@@ -123,7 +125,7 @@ def open_camera(model: Any, log: StageLog) -> SideCamera | None:
     return camera
 
 
-def filmstrip(
+def draw_filmstrip(
     model: Any, camera: SideCamera | None, states: Mapping[str, NDArray[Any]], rates: Mapping[str, float], dt: float
 ) -> Figure:
     """One stride of each walker, at the end of its recorded episode."""
@@ -146,7 +148,7 @@ def crop(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
 def films_or_none(
     camera: SideCamera,
     states: Mapping[str, NDArray[Any]],
-    teacher: side_by_side_film.Teacher,
+    teacher: side_by_side_film.FilmedTeacher,
     dt: float,
     output: Path,
     log: StageLog,
@@ -169,7 +171,7 @@ def remove_films(output: Path) -> None:
 def shoot(
     camera: SideCamera,
     states: Mapping[str, NDArray[Any]],
-    teacher: side_by_side_film.Teacher,
+    teacher: side_by_side_film.FilmedTeacher,
     dt: float,
     output: Path,
     log: StageLog,

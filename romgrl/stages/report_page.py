@@ -19,12 +19,12 @@ from romgrl.report import markdown_report
 from romgrl.report.page import charts, html, scene, tables, training_charts
 from romgrl.report.page.intervals import error_intervals
 from romgrl.report.page.strides import stride_average
-from romgrl.report.style import COLORS, LABELS
+from romgrl.report.style import COLORS, WALKER_LABELS
 from romgrl.stages.wiring.artifact_arrays import WALKERS, read_reference, read_table
 from romgrl.stages.wiring.rom import rom_parameters
 
-PAGE = "report.html"
-STAGES = ("teacher", "reference", *WALKERS, "evaluation")
+PAGE_FILE = "report.html"
+SHOWN_STAGES = ("teacher", "reference", *WALKERS, "evaluation")
 Sections = dict[str, list[charts.Chart]]
 
 
@@ -51,9 +51,9 @@ def write_page(
     health = read_health(inputs["student"] / "health.json")
     sections = gait_charts(tracks, there, teacher.dt) | curves_of_training(config, inputs, health)
     sections["errors"] = [charts.error_chart(aligned)]
-    manifests = {name: read_manifest(inputs[name]) for name in STAGES if (inputs[name] / MANIFEST).is_file()}
-    html.write_page(
-        output / PAGE,
+    manifests = {name: read_manifest(inputs[name]) for name in SHOWN_STAGES if (inputs[name] / MANIFEST).is_file()}
+    html.render_page(
+        output / PAGE_FILE,
         scene=scene.scene(tracks, scene.segments(model), rom_parameters(config).foot_radius, teacher.dt),
         sections=sections,
         title=f"Gait at {config.speed:g} m/s",
@@ -62,7 +62,7 @@ def write_page(
         played=played(tracks, walkers, teacher.dt, config.evaluation.window),
         counted=", ".join(f"{average.strides:,} strides of the {name}" for name, average in there.items()),
         colors=COLORS,
-        labels=LABELS,
+        labels=WALKER_LABELS,
         walkers=[name for name in ("student", "baseline", "teacher") if name in tracks],
         gait_walkers=[str(name) for name in gaits.walker],
         gait_rows=tables.gait_rows(gaits, config.speed),

@@ -36,8 +36,8 @@ from romgrl.sweeps.sweep_directory import claim
 from romgrl.tracking.journal import redacted
 from romgrl.tracking.recorder import open_recorder
 
-GROUPS = ("teacher", "student")
-BUDGETS = tuple(f"{group}.total_steps" for group in GROUPS)
+BUDGET_GROUPS = ("teacher", "student")
+BUDGETS = tuple(f"{group}.total_steps" for group in BUDGET_GROUPS)
 
 
 def check_launcher(config: DictConfig) -> None:
@@ -75,7 +75,7 @@ def joblib_processes(n_jobs: int) -> int:
 def note_sweep(directory: Path, name: str, jobs: list[list[str]], loader: ConfigLoader) -> None:
     """Write down what a sweep was asked for, where it runs, and the usual budgets of its teacher and student."""
     named = loader.load_configuration(name, [], RunMode.RUN).hydra.runtime.choices
-    usual = loader.load_configuration("config", [f"{group}={named[group]}" for group in GROUPS], RunMode.RUN)
+    usual = loader.load_configuration("config", [f"{group}={named[group]}" for group in BUDGET_GROUPS], RunMode.RUN)
     write_sweep(
         directory,
         name,
@@ -160,7 +160,7 @@ class SweepCallback(Callback):
 
     def _join(self) -> list[int]:
         """Tables and figures of all jobs, for the parent run; where they cannot be made, the exit code of that."""
-        from romgrl.results.sweep_tables import TABLE, write_joint  # takes a second to import
+        from romgrl.results.sweep_tables import TABLE_FILE, write_joint  # takes a second to import
 
         try:
             directory = write_joint(read_sweep(self._directory), self._outputs)
@@ -168,7 +168,7 @@ class SweepCallback(Callback):
             print(f"sweep: no tables and figures: {error}", file=sys.stderr)
             return [getattr(error, "exit_code", StorageError.exit_code)]
         self._run.artifacts(directory)
-        self._run.describe((directory / TABLE).read_text(encoding="utf-8"))
+        self._run.describe((directory / TABLE_FILE).read_text(encoding="utf-8"))
         print(f"sweep: tables and figures of all jobs: {directory}", flush=True)
         return []
 

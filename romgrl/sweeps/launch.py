@@ -28,9 +28,9 @@ from romgrl.runtime.stage_log import WIDEST_TABLE
 
 PARENT_VARIABLE = "ROMGRL_PARENT_RUN"
 LAUNCH_VARIABLE = "ROMGRL_LAUNCH"
-FAILURES = "failures.jsonl"
+FAILURES_FILE = "failures.jsonl"
 STOPPING = "stopping"
-RUNNING = ".running"  # suffix of a file that is named by the process of a job
+RUNNING_SUFFIX = ".running"  # suffix of a file that is named by the process of a job
 SHARES_TERMINAL = "joblib"  # the launcher whose jobs write to the terminal of the sweep and are stopped with it
 
 
@@ -53,7 +53,7 @@ class Launch:
 
     def failures(self) -> list[tuple[str, int]]:
         """One line and one exit code for each job that failed."""
-        path = Path(self.directory, FAILURES)
+        path = Path(self.directory, FAILURES_FILE)
         lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
         documents = [json.loads(line) for line in lines]
         return [(document["text"], document["exit_code"]) for document in documents]
@@ -63,20 +63,20 @@ class Launch:
         if self.launcher == SHARES_TERMINAL:
             sys.stderr.write(f"{text}\n")  # at once: a line and its end apart are mixed with those of other jobs
             sys.stderr.flush()
-        with Path(self.directory, FAILURES).open("a", encoding="utf-8") as file:
+        with Path(self.directory, FAILURES_FILE).open("a", encoding="utf-8") as file:
             file.write(json.dumps({"text": text, "exit_code": exit_code}) + "\n")
 
     def stop(self) -> None:
         """Interrupt the jobs that run here; those that wait for their turn do not start any more."""
         Path(self.directory, STOPPING).touch()
-        for path in Path(self.directory).glob(f"*{RUNNING}"):
+        for path in Path(self.directory).glob(f"*{RUNNING_SUFFIX}"):
             with suppress(ProcessLookupError):
                 os.kill(int(path.stem), signal.SIGTERM)
 
     @contextmanager
     def running(self) -> Iterator[None]:
         """Let `stop` reach this process while the block runs; what the terminal sends comes to the sweep, too."""
-        path = Path(self.directory, f"{os.getpid()}{RUNNING}")
+        path = Path(self.directory, f"{os.getpid()}{RUNNING_SUFFIX}")
         for number in (signal.SIGINT, signal.SIGHUP):
             signals.leave(number)
             signal.signal(number, signal.SIG_IGN)

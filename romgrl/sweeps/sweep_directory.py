@@ -11,11 +11,11 @@ from omegaconf import DictConfig
 from romgrl.config.addresses import in_quotes
 from romgrl.config.values import refusal
 from romgrl.errors import ConfigurationError
-from romgrl.sweeps.launch import FAILURES, RUNNING, STOPPING
+from romgrl.sweeps.launch import FAILURES_FILE, RUNNING_SUFFIX, STOPPING
 
 KEY = "hydra.sweep.dir"
 LOCK = ".sweep.lock"  # the system frees it when the sweep's process dies
-LEFT_BEHIND = (STOPPING, FAILURES, f"*{RUNNING}")  # by a sweep that was stopped here
+LEFT_BEHIND = (STOPPING, FAILURES_FILE, f"*{RUNNING_SUFFIX}")  # by a sweep that was stopped here
 
 
 def claim(config: DictConfig) -> tuple[Path, FileLock]:

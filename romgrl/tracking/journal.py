@@ -26,7 +26,7 @@ FIELDS = {
     "finish": {"status"},
 }  # of each request, beside `do`, `run` (its local id) and `at` (milliseconds since 1970)
 SYNC_SECONDS = 1.0  # of requests that a power failure may take
-PIECE_BYTES = 65536  # read and sent before it is noted that the store has it
+READ_BYTES = 65536  # read and sent before it is noted that the store has it
 MARK_BYTES, LONGEST_PLACE = 20, 4096  # of a `.sent` file: how far the store has the journal, and which store that is
 PASSWORD = re.compile(r"(://[^\s:/@]*:)\S*@")
 HIDDEN = "***"
@@ -173,7 +173,7 @@ class Outbox:
                 self.unreadable += 1
             else:
                 entries.append(entry)
-            if end - begin >= PIECE_BYTES or (entry and entry["do"] == "artifacts"):
+            if end - begin >= READ_BYTES or (entry and entry["do"] == "artifacts"):
                 break
         return entries, end
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from romgrl.algorithms.discriminator_health import COLUMNS, ROWS, TrainingSetting, diagnose, trend
+from romgrl.algorithms.discriminator_health import LASTING_ROWS, WATCHED, TrainingSetting, diagnose, trend
 from romgrl.pipeline.job import health_tags
 from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import student
@@ -37,7 +37,7 @@ PERFECT = {"discriminator_accuracy_teacher": 1.0, "discriminator_accuracy_studen
 Curve = list[dict[str, float]]
 
 
-def curve(count: int = ROWS, **changes: float | tuple[float, float]) -> Curve:
+def curve(count: int = LASTING_ROWS, **changes: float | tuple[float, float]) -> Curve:
     """Rows of a healthy training; a changed column is constant, or goes from one value to another."""
     ends = {name: value if isinstance(value, tuple) else (value, value) for name, value in changes.items()}
     lines = {name: np.linspace(*pair, count) for name, pair in ends.items()}
@@ -110,7 +110,7 @@ def test_a_matched_student_is_no_collapse() -> None:
 
 def test_too_few_rows_and_missing_columns_say_nothing() -> None:
     assert diagnose(SICK["saturated"][1:], SETTING) == []
-    for name in COLUMNS:
+    for name in WATCHED:
         rows = [dict(row) for row in SICK["saturated"]]
         del rows[2][name]
         assert diagnose(rows, SETTING) == []
@@ -153,7 +153,7 @@ def test_a_line_when_it_begins_and_a_history(compose_config: Composer, tmp_path:
             state, watch = watch.state(), HealthWatch(config, tmp_path, log)
             watch.restore(state)
         watch.add(row, 1000 * (number + 1))
-        if number < ROWS - 1:
+        if number < LASTING_ROWS - 1:
             assert health_tags(tmp_path) == {"romgrl.discriminator_health": "too short to tell"}
     (message,) = log.messages
     assert message.startswith("discriminator: saturated at step 8,000: accuracy 1.00 and 0.99")

@@ -56,7 +56,7 @@ def page_file(compose_config: Composer, tmp_path_factory: pytest.TempPathFactory
         gaits=tables["gait"],
         facts=facts,
     )
-    return folder / report_page.PAGE
+    return folder / report_page.PAGE_FILE
 
 
 @pytest.fixture

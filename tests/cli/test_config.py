@@ -192,7 +192,7 @@ def test_command_line_refuses_before_any_work(
 
 def test_reference_page_is_up_to_date() -> None:
     """`make docs` writes it."""
-    assert reference_page.PAGE.read_text(encoding="utf-8") == reference_page.render()
+    assert reference_page.REFERENCE_PAGE.read_text(encoding="utf-8") == reference_page.render()
 
 
 def test_stages_of_the_schema_are_those_of_the_graph() -> None:

@@ -20,7 +20,7 @@ from romgrl.cli.hydra_loader import Loader
 from romgrl.errors import ConfigurationError
 from romgrl.results.sweep_record import sweeps, write_sweep
 from romgrl.sweeps import sweep_directory
-from romgrl.sweeps.launch import FAILURES, RUNNING, STOPPING, Launch
+from romgrl.sweeps.launch import FAILURES_FILE, RUNNING_SUFFIX, STOPPING, Launch
 from romgrl.sweeps.sweep_directory import claim, made_anew
 from tests.helpers.jobs import Command, start
 from tests.helpers.limits import PATIENCE
@@ -106,9 +106,14 @@ def test_what_stopped_a_sweep_does_not_stop_it_again(loader: GuardedLoader, tmp_
     launch = Launch("submitit_local", str(tmp_path / "grid"), 1, [])
     launch.leave("[seed=0] interrupted by SIGTERM", 143)
     launch.stop()
-    (tmp_path / "grid" / f"1{RUNNING}").touch()
+    (tmp_path / "grid" / f"1{RUNNING_SUFFIX}").touch()
     (tmp_path / "grid" / "jobs.jsonl").write_text("{}\n", encoding="utf-8")
-    assert {path.name for path in (tmp_path / "grid").iterdir()} == {STOPPING, FAILURES, f"1{RUNNING}", "jobs.jsonl"}
+    assert {path.name for path in (tmp_path / "grid").iterdir()} == {
+        STOPPING,
+        FAILURES_FILE,
+        f"1{RUNNING_SUFFIX}",
+        "jobs.jsonl",
+    }
     claim(composed(loader, "hydra.sweep.dir=grid"))
     assert {path.name for path in (tmp_path / "grid").iterdir()} == {sweep_directory.LOCK, "jobs.jsonl"}
     assert launch.failures() == []

@@ -19,7 +19,7 @@ from romgrl.cli.compose import CONF, register_schema
 from romgrl.errors import ConfigurationError
 from romgrl.runtime import cores
 from romgrl.sweeps import callback
-from romgrl.sweeps.launch import RUNNING
+from romgrl.sweeps.launch import RUNNING_SUFFIX
 from tests.faults import fake_slurm
 from tests.helpers.jobs import start, trainings
 from tests.helpers.limits import LONG, PATIENCE, wait_until
@@ -190,7 +190,7 @@ def calls(outputs: Path) -> int:
 
 def jobs(outputs: Path) -> list[int]:
     """The processes of the jobs that run."""
-    return [int(path.stem) for path in outputs.glob(f"sweeps/*/*{RUNNING}")]
+    return [int(path.stem) for path in outputs.glob(f"sweeps/*/*{RUNNING_SUFFIX}")]
 
 
 @pytest.mark.slow

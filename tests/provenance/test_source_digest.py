@@ -12,13 +12,13 @@ from romgrl.config.values import schema_keys, value_of
 from romgrl.humanoid.own_body import human_spec
 from romgrl.provenance import shipped, source_digest, stage_keys
 from romgrl.provenance.stage_graph import STAGES
-from romgrl.provenance.stage_keys import LABELS, stage_key
+from romgrl.provenance.stage_keys import NAME_KEYS, stage_key
 from tests.cli.test_config import with_value
 from tests.conftest import Composer
 from tests.pretrained.untrained import write_shipped
 from tests.provenance.test_stage_keys import all_keys, different
 
-COSMETIC = {"stage", "threads", "parallel_stages", "checkpoint_seconds", "experiment", "paths.outputs", *LABELS}
+COSMETIC = {"stage", "threads", "parallel_stages", "checkpoint_seconds", "experiment", "paths.outputs", *NAME_KEYS}
 KINDS = {"Python": {".py"}, "C++": {".cpp", ".hpp", ".txt"}, "built": {".so"}}
 ROOT = Path(__file__).resolve().parents[2]
 

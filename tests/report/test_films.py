@@ -24,7 +24,7 @@ from tests.gait.synthetic import DT, run
 def test_the_teacher_stands_where_the_humanoid_does(smoke_config: Config) -> None:
     features = run(episodes=2, steps=20, frequency=1.75)[0].reshape(-1, 5).astype(np.float32)
     episode = np.repeat([0, 1], [15, 25]).astype(np.int32)
-    teacher = side_by_side_film.Teacher(
+    teacher = side_by_side_film.FilmedTeacher(
         {"features": features, "episode": episode, "dt": np.array(DT), "speed": np.array(4.0)},
         rom_parameters(smoke_config),
     )

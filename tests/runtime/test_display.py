@@ -139,7 +139,7 @@ def test_a_stream_of_others_stays(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_letters_that_a_terminal_lacks_are_replaced(full: Guarded, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(display, "ERRORS", {full.descriptor: display.ERRORS[1]})
+    monkeypatch.setattr(display, "ENCODING_ERRORS", {full.descriptor: display.ENCODING_ERRORS[1]})
     ascii_only = io.TextIOWrapper(io.BytesIO(), encoding="ascii")
     stream = display.guard_stream(ascii_only, full)
     assert (stream.encoding, stream.errors) == ("ascii", "replace")

@@ -19,7 +19,7 @@ from romgrl.report.style import CHANNEL_LABELS, COLORS
 DASHES = {"teacher": "solid", "student": "solid", "baseline": "dash"}  # the second way to tell them apart
 WIDTHS = {"teacher": 3.0, "student": 2.0, "baseline": 2.0}
 ORDER = ("teacher", "baseline", "student")  # the student is drawn last, on top
-SIDES = ("left", "right")
+LEGS = ("left", "right")
 BAND = 0.18  # opacity
 
 
@@ -48,9 +48,9 @@ def footfall(tracks: Mapping[str, Track], dt: float) -> Chart:
     """When each foot of each walker is on the ground."""
     figure = empty_figure("time [s]", "")
     shown = [name for name in ORDER if name in tracks]
-    rows = [f"{name} {side}" for name in shown for side in reversed(SIDES)]
+    rows = [f"{name} {side}" for name in shown for side in reversed(LEGS)]
     for name in shown:
-        for foot, side in enumerate(SIDES):
+        for foot, side in enumerate(LEGS):
             starts, lengths = contact_spans(tracks[name].contact[:, foot])
             figure.add_bar(
                 base=dt * (starts + tracks[name].offset),

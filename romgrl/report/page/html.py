@@ -17,7 +17,7 @@ from romgrl.report.page.charts import Chart
 FOLDER = Path(__file__).parent
 
 
-def write_page(path: Path, *, scene: dict[str, Any], sections: Mapping[str, Sequence[Chart]], **content: Any) -> None:
+def render_page(path: Path, *, scene: dict[str, Any], sections: Mapping[str, Sequence[Chart]], **content: Any) -> None:
     """Write the page. scene: what the player draws; sections: charts by place; content: the template's other values."""
     environment = Environment(loader=FileSystemLoader(FOLDER), autoescape=True, undefined=StrictUndefined)
     charts = [chart for section in sections.values() for chart in section]

@@ -19,7 +19,7 @@ from romgrl.gait.features import CHANNELS, Floats, Gait
 RESAMPLES = 9_999
 CONFIDENCE = 0.95
 SEED = 2021
-ROWS = ("student", "baseline", "reduction_percent")
+INTERVAL_ROWS = ("student", "baseline", "reduction_percent")
 
 
 def error_intervals(teacher: Gait, walkers: Mapping[str, Gait], window: int) -> pd.DataFrame:
@@ -29,7 +29,7 @@ def error_intervals(teacher: Gait, walkers: Mapping[str, Gait], window: int) -> 
     walker has no error or fewer than two episodes. walkers: `student` and `baseline`.
     """
     errors = {name: _errors(gait, teacher, window) for name, gait in walkers.items()}
-    shape = (len(ROWS) * (len(CHANNELS) + 1),)
+    shape = (len(INTERVAL_ROWS) * (len(CHANNELS) + 1),)
     low = high = np.full(shape, np.nan)
     if all(len(values) > 1 for values in errors.values()):
         samples = (errors["student"].T, errors["baseline"].T)
@@ -45,7 +45,7 @@ def error_intervals(teacher: Gait, walkers: Mapping[str, Gait], window: int) -> 
         ).confidence_interval
         low, high = found.low, found.high
     table = pd.DataFrame({"channel": [*CHANNELS, "average"]})
-    for place, name in enumerate(ROWS):
+    for place, name in enumerate(INTERVAL_ROWS):
         rows = slice(place * len(table), (place + 1) * len(table))
         table[f"{name}_low"], table[f"{name}_high"] = low[rows], high[rows]
     return table

@@ -45,7 +45,7 @@ class Track:
 
 
 @dataclass(frozen=True)
-class Segment:
+class DrawnSegment:
     """A part of the body, drawn as a thick line between two points: radius in m, and whether it is of the far side."""
 
     radius: float
@@ -88,11 +88,12 @@ def rom_points(features: Floats) -> Floats:
     return np.stack((hip, left, right), axis=1)
 
 
-def segments(model: Any) -> list[Segment]:
+def segments(model: Any) -> list[DrawnSegment]:
     """The drawn parts of a humanoid: one for each of its geoms."""
     shapes = _shapes(model)
     return [
-        Segment(radius, model.body(model.geom_bodyid[geom]).name.startswith(FAR_SIDE)) for geom, _, _, radius in shapes
+        DrawnSegment(radius, model.body(model.geom_bodyid[geom]).name.startswith(FAR_SIDE))
+        for geom, _, _, radius in shapes
     ]
 
 
@@ -115,7 +116,7 @@ def humanoid_points(model: Any, states: Floats) -> tuple[Floats, Floats]:
     return points.reshape(len(states), -1, 2), x
 
 
-def scene(tracks: Mapping[str, Track], parts: list[Segment], foot_radius: float, dt: float) -> dict[str, Any]:
+def scene(tracks: Mapping[str, Track], parts: list[DrawnSegment], foot_radius: float, dt: float) -> dict[str, Any]:
     """All that the player needs, for JSON. Arrays are 16-bit integers, base64: points and x in millimetres."""
     walkers = {
         name: {

@@ -20,11 +20,11 @@ HUMANOID = (
     ("imitation_reward", "imitation reward per step", ""),
 )
 MODEL = (("speed", "teacher: forward speed", "m/s"), ("left_right_correlation", "teacher: left-right correlation", ""))
-STREAMS = (
+LOGIT_STREAMS = (
     ("accuracy", "accuracy on each stream"),
     ("logit", "mean logit of each stream"),
 )
-LOSSES: tuple[tuple[str, dict[str, Any]], ...] = (
+LOSS_COLUMNS: tuple[tuple[str, dict[str, Any]], ...] = (
     ("discriminator_fit_loss", {}),
     ("discriminator_held_out_loss", {"dash": "dot", "color": GREY}),
 )
@@ -40,7 +40,7 @@ def learning_curves(curves: Mapping[str, pd.DataFrame], targets: Mapping[str, fl
 def discriminator(curve: pd.DataFrame, spells: list[dict[str, Any]]) -> list[Chart]:
     """What the discriminator makes of both streams; grey where health.json has a spell of something wrong."""
     charts = []
-    for key, title in STREAMS:
+    for key, title in LOGIT_STREAMS:
         figure = empty_figure("environment steps", "")
         columns = {name: f"discriminator_{key}_{name}" for name in ("teacher", "student")}
         for name, column in columns.items():
@@ -48,7 +48,7 @@ def discriminator(curve: pd.DataFrame, spells: list[dict[str, Any]]) -> list[Cha
                 line(figure, curve["step"], curve[column], name)
         charts.append(Chart(f"discriminator-{key}", title, figure))
     losses = empty_figure("environment steps", "")
-    for column, look in LOSSES:
+    for column, look in LOSS_COLUMNS:
         if column in curve:
             line(losses, curve["step"], curve[column], "student", **look)
     gap = empty_figure("environment steps", "standard deviations")

@@ -9,13 +9,13 @@ from pathlib import Path
 import torch
 
 from romgrl.algorithms.adversarial_losses import LOSSES
-from romgrl.algorithms.discriminator_health import COLUMNS, ROWS, TrainingSetting, diagnose
+from romgrl.algorithms.discriminator_health import LASTING_ROWS, WATCHED, TrainingSetting, diagnose
 from romgrl.artifacts.checkpoint import State
 from romgrl.config.schema import Config
 from romgrl.runtime.stage_log import StageLog
 
 FILE = "health.json"
-UNKNOWN = "too short to tell"
+TOO_SHORT = "too short to tell"
 
 
 def health_setting(config: Config) -> TrainingSetting:
@@ -45,10 +45,10 @@ class HealthWatch:
 
     def add(self, values: Mapping[str, float], step: int) -> None:
         """Take in a row; rows without a discriminator are none."""
-        if any(name not in values for name in COLUMNS):
+        if any(name not in values for name in WATCHED):
             return
         before = self._names[-1] if self._names else []
-        self._rows.append({"step": float(step)} | {name: values[name] for name in COLUMNS})
+        self._rows.append({"step": float(step)} | {name: values[name] for name in WATCHED})
         now = diagnose(self._rows, self._setting)
         self._names.append([diagnosis.name for diagnosis in now])
         for diagnosis in now:
@@ -57,7 +57,7 @@ class HealthWatch:
                     f"discriminator: {diagnosis.name} at step {step:,}: {diagnosis.evidence}; {diagnosis.advice}"
                 )
         document = {
-            "verdict": ", ".join(self._names[-1]) or ("healthy" if len(self._rows) >= ROWS else UNKNOWN),
+            "verdict": ", ".join(self._names[-1]) or ("healthy" if len(self._rows) >= LASTING_ROWS else TOO_SHORT),
             "now": [diagnosis._asdict() for diagnosis in now],
             "history": self._history(),
         }
@@ -69,9 +69,9 @@ class HealthWatch:
 
     def restore(self, state: State) -> None:
         """Go on from a state."""
-        numbers, width = state["numbers"], 1 + len(COLUMNS)
+        numbers, width = state["numbers"], 1 + len(WATCHED)
         rows = [numbers[start : start + width] for start in range(0, len(numbers), width)]
-        self._rows = [dict(zip(("step", *COLUMNS), row, strict=True)) for row in rows]
+        self._rows = [dict(zip(("step", *WATCHED), row, strict=True)) for row in rows]
         heads = [diagnose(self._rows[: count + 1], self._setting) for count in range(len(self._rows))]
         self._names = [[diagnosis.name for diagnosis in found] for found in heads]
 

@@ -37,7 +37,7 @@ from romgrl.tracking.sending.fitting import (
 PARENT_TAG = "mlflow.parentRunId"
 UID_TAG = "romgrl.uid"
 RESUMED_TAG = "romgrl.resumed_at"
-LOCK_SECONDS = 60.0  # that another process may take to make the tables of a fresh store
+STORE_LOCK_SECONDS = 60.0  # that another process may take to make the tables of a fresh store
 ACTIVE = "active"
 
 T = TypeVar("T")
@@ -222,7 +222,7 @@ def open_client(uri: str, outputs: Path) -> MlflowClient:
     if database is None:
         return MlflowClient(tracking_uri=uri)
     outputs.mkdir(parents=True, exist_ok=True)
-    with FileLock(outputs / ".mlflow.lock", timeout=LOCK_SECONDS, mode=lock_mode(outputs)):
+    with FileLock(outputs / ".mlflow.lock", timeout=STORE_LOCK_SECONDS, mode=lock_mode(outputs)):
         database.touch()  # SQLite would let nobody else write, whatever the umask
         with closing(sqlite3.connect(database)) as store:
             store.execute("PRAGMA journal_mode=WAL")
