@@ -105,7 +105,7 @@ class ReplayBuffer:
         self.added += 1
         if not cut.all():
             self.usable = self.added
-            self.newest[0] = self.back[row].argmin() + row * self.num_envs
+            self._find_newest()
 
     def sample(self, size: int) -> Batch:
         """Draw `size` transitions with replacement; every second one is mirrored where mirrors were given."""
@@ -144,14 +144,14 @@ class ReplayBuffer:
 
     def state(self) -> dict[str, Any]:
         """Everything but the rows: counters, random stream, and the observation that the newest row led to."""
-        counters = {"added": self.added, "usable": self.usable, "newest": self.newest}
+        counters = {"added": self.added, "usable": self.usable}
         following = self.observation[self.added % self.rows]
         return counters | {"generator": self.generator.get_state(), "following": following}
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Go on from a state, the rows of which `write_rows` has put back."""
         self.added, self.usable = state["added"], state["usable"]
-        self.newest.copy_(state["newest"])
+        self._find_newest()
         self.generator.set_state(state["generator"])
         self.observation[self.added % self.rows] = state["following"]
 
@@ -166,6 +166,11 @@ class ReplayBuffer:
             rows = columns[name].to(ring.device)
             index = torch.arange(first, first + len(rows), device=ring.device) % self.rows
             ring.index_copy_(0, index, rows)
+
+    def _find_newest(self) -> None:
+        """Point to the newest transition that was not truncated, in the last row that has one."""
+        row = (self.usable - 1) % self.rows
+        self.newest[0] = self.back[row].argmin() + row * self.num_envs
 
     def _rings(self) -> dict[str, Tensor]:
         return {
