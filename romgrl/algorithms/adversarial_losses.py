@@ -82,7 +82,7 @@ LOSSES = {
         wasserstein_loss, lambda logits, level: (logits - level).clamp(max=0).exp(), relative=True, undecided=1.0
     ),
 }
-"""By the value of `discriminator.loss`, whose choices stand in romgrl.config.schema."""
+"""By the value of `discriminator.loss`, whose choices stand in romgrl.config.learners."""
 
 
 def interpolate_penalty(logits: Logits, real: Tensor, fake: Tensor, mix: Tensor) -> Tensor:

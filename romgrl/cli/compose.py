@@ -19,7 +19,8 @@ from romgrl.cli import search_space
 from romgrl.cli.allowlist import guard_hydra
 from romgrl.cli.consistency import misfits
 from romgrl.cli.hydra_settings import hydra_faults
-from romgrl.config.schema import MISSING, Config
+from romgrl.config.fields import MISSING
+from romgrl.config.schema import Config
 from romgrl.config.values import (
     allowed,
     bad_value,

@@ -10,7 +10,8 @@ from collections.abc import Callable, Collection, Iterator
 from itertools import pairwise
 
 from romgrl.cli.locations import is_file, outputs_directory, tracking_store
-from romgrl.config.schema import CRITICS, Config
+from romgrl.config.learners import CRITICS
+from romgrl.config.schema import Config
 from romgrl.config.values import bad_value, fits, refusal, schema_keys, show, value_of
 from romgrl.errors import ArtifactError, ConfigurationError
 

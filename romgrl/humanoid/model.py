@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from romgrl.config.schema import Humanoid
+from romgrl.config.worlds import Humanoid
 from romgrl.errors import ConfigurationError
 from romgrl.humanoid.own_body import human_spec
 from romgrl.humanoid.sagittal_plane import hold_in_plane

@@ -9,8 +9,9 @@ from dataclasses import asdict, replace
 from functools import lru_cache
 from typing import Any
 
-from romgrl.config.schema import Config, Humanoid
+from romgrl.config.schema import Config
 from romgrl.config.values import value_of
+from romgrl.config.worlds import Humanoid
 from romgrl.errors import ArtifactError
 from romgrl.provenance.shipped import GROUPS, is_pretrained, shipped
 from romgrl.provenance.source_digest import source_digest

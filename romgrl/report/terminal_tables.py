@@ -7,6 +7,7 @@ import math
 from collections.abc import Mapping
 from pathlib import Path
 
+from rich.markup import escape
 from rich.table import Table
 
 from romgrl.gait.features import ALIGNMENTS, ALL, CHANNELS
@@ -147,7 +148,7 @@ def terminal_gait_table(rows: Rows) -> Table:
         table.add_column(row["walker"], justify="right")
     for column in rows[0]:
         if column != "walker":
-            table.add_row(MEASURES[column].title, *(measured(column, number(row[column])) for row in rows))
+            table.add_row(escape(MEASURES[column].title), *(measured(column, number(row[column])) for row in rows))
     return table
 
 

@@ -32,7 +32,8 @@ CHOICES = [f"{path.parent.name}={path.stem}" for path in FILES if path.parent.pa
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: f"{path.parent.name}/{path.stem}")
 def test_files_are_short(path: Path) -> None:
-    assert len(path.read_text(encoding="utf-8").splitlines()) <= 25
+    """A preset says all of a group, or what differs from one that does."""
+    assert len(path.read_text(encoding="utf-8").splitlines()) <= (60 if path.name == "config.yaml" else 30)
 
 
 @pytest.mark.parametrize("choice", CHOICES)
@@ -73,7 +74,7 @@ def test_the_variants_of_the_discriminator_are_the_default_with_one_change(compo
         with initialize_config_dir(str(CONF), version_base="1.3"):
             config = to_config(compose("config", overrides=[search, f"discriminator={name}"]))
         validate(config)
-        changed = {key for key, value in vars(config.discriminator).items() if value != default[key]}
+        changed = {key for key, value in vars(config.discriminator).items() if value != default[key]} - {"name"}
         assert len(changed) == 1, (name, changed)
 
 
@@ -139,7 +140,7 @@ REFUSED = {
     "teacher.minibatch_size=99999": "teacher.minibatch_size: 99999 is not allowed; allowed: at most teacher.num",
     "humanoid.xml=/none.xml": "humanoid.xml: /none.xml is not allowed; allowed: a MuJoCo file that exists",
     "paths.outputs=/etc/hostname/x": "paths.outputs: /etc/hostname/x is not allowed; allowed: a directory that can be",
-    "humanoid=humenv": "humanoid.xml: null is not allowed; allowed: the path of HumEnv's robot.xml",
+    "humanoid=humenv": "humanoid.xml: has no value; give it as humanoid.xml=...",
 }
 
 

@@ -1,0 +1,123 @@
+"""Keys of those that learn: teacher, student and discriminator."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from romgrl.config.fields import key
+
+LABELLED, CRITICS = ("bce", "least_squares"), ("wasserstein",)  # losses; only a penalty bounds a critic
+
+
+@dataclass
+class Teacher:
+    """PPO on the reduced-order model (paper section 3.2)."""
+
+    name: str = key("what it is called; not given: as its preset")
+    speed: float = key("target speed of the teacher", unit="m/s", low=0, high=10)
+    reward: str = key(
+        "exponential: exp(-alpha |v - speed|); forward_velocity: v", choices=("exponential", "forward_velocity")
+    )
+    alpha: float = key("sensitivity of the exponential reward", unit="s/m", low=1e-9, high=1e6)
+    total_steps: int = key("environment steps at most (whole rollouts, at least one)", low=1, high=10**12)
+    num_envs: int = key("worlds stepped together", low=1, high=100_000)
+    rollout_steps: int = key("steps per world between updates", low=1, high=1_000_000)
+    episode_steps: int = key("an episode is truncated after this many control steps", low=1, high=10**9)
+    epochs: int = key("passes over each rollout", low=1, high=1000)
+    minibatch_size: int = key("samples per gradient step", low=1, high=10**9)
+    hidden_sizes: list[int] = key("hidden layers of policy and value network", low=1, high=65_536)
+    activation: str = key("activation of both networks", choices=("tanh", "relu", "elu"))
+    learning_rate: float = key("Adam learning rate", above=0, high=1)
+    learning_rate_decay: bool = key("true: the learning rate falls linearly to zero")
+    gamma: float = key("discount factor", above=0, high=1)
+    gae_lambda: float = key("lambda of generalised advantage estimation", low=0, high=1)
+    clip_ratio: float = key("PPO clip range", above=0, high=10)
+    value_coefficient: float = key("weight of the value loss", low=0, high=1e6)
+    entropy_coefficient: float = key("weight of the entropy bonus", low=0, high=1e6)
+    max_gradient_norm: float = key("gradients are clipped to this norm", above=0, high=1e9)
+    initial_log_std: float = key("log standard deviation of the first policy", low=-20, high=5)
+    mirror: bool = key("true: half of each minibatch is left-right mirrored")
+    pretrained: bool = key("true: nothing is trained; the teacher that ships with the package is taken")
+
+
+@dataclass
+class Student:
+    """SAC on the humanoid (paper section 3.3); the baseline is the same with eta = 1 and no discriminator."""
+
+    name: str = key("what it is called; not given: as its preset")
+    alpha: float = key("sensitivity of the velocity reward", unit="s/m", low=1e-9, high=1e6)
+    total_steps: int = key("environment steps", low=1, high=10**12)
+    num_envs: int = key("humanoids stepped together", low=1, high=100_000)
+    updates_per_step: float = key("critic updates per environment step", above=0, high=1000)
+    learning_starts: int = key("environment steps before the first update", low=0, high=10**12)
+    batch_size: int = key("transitions per update", low=1, high=10**7)
+    buffer_size: int = key("transitions kept", low=1, high=10**9)
+    hidden_sizes: list[int] = key("hidden layers of policy and critics", low=1, high=65_536)
+    layer_norm: bool = key("true: layer normalisation in policy and critics")
+    compact_observation: bool = key("true: the networks drop columns that are constant in the plane")
+    policy_learning_rate: float = key("Adam learning rate of the policy", above=0, high=1)
+    critic_learning_rate: float = key("Adam learning rate of the critics", above=0, high=1)
+    temperature_learning_rate: float = key("Adam learning rate of the temperature", above=0, high=1)
+    initial_temperature: float = key("first weight of the entropy", above=0, high=1e6)
+    target_entropy_scale: float = key("target entropy = - this x number of actions", above=0, high=1000)
+    learning_rate_decay: bool = key("true: all learning rates fall linearly to zero over the second half")
+    gamma: float = key("discount factor", above=0, high=1)
+    tau: float = key("share of the critics copied into their targets at each update", above=0, high=1)
+    policy_delay: int = key("critic updates per policy update", low=1, high=10**6)
+    simultaneous: bool = key(
+        "true: policy and critics take their gradients at the same point, on two threads; false: critics first"
+    )
+    critic_target: str = key("how the twin target critics are joined", choices=("minimum", "mean"))
+    mirror: bool = key("true: half of each batch is left-right mirrored")
+    normalize_observation: bool = key("true: observations are standardised by their running mean and deviation")
+    candidates: int = key("policies of the second half, the best of which is kept; 0: the last", low=0, high=1000)
+    reference_resets: float = key("share of a student's episodes that start in a pose of the reference", low=0, high=1)
+    policy_average: float = key("policies are running averages with this decay; 0: as they are", low=0, high=0.99999)
+    pretrained: bool = key("true: nothing is trained; student and baseline that ship with the package are taken")
+
+
+@dataclass
+class Discriminator:
+    """Adversarial judge of the gait (paper section 3.3)."""
+
+    name: str = key("what it is called; not given: as its preset")
+    enabled: bool = key("false: no imitation; the student is the baseline, whatever eta and noise are")
+    features: str = key(
+        "what a frame holds, paper: the five; trunk: the trunk inclination as well; velocities: the five and their "
+        "velocities; trunk_velocities: all of these",
+        choices=("paper", "trunk", "velocities", "trunk_velocities"),
+    )
+    window: int = key("frames judged together", low=1, high=32)
+    stride: int = key("control steps from one frame of a window to the next", low=1, high=32)
+    loss: str = key(
+        "bce: cross-entropy; least_squares: as AMP; wasserstein: a critic as WGAN-GP; each with its own reward",
+        choices=(*LABELLED, *CRITICS),
+    )
+    reward: str = key(
+        "recomputed: by the current discriminator whenever a transition is drawn; stored: by the one of its time",
+        choices=("recomputed", "stored"),
+    )
+    trunk_std: float = key(
+        "spread of the trunk inclination in the reference stream (0 for the ROM)", unit="rad", low=0, high=10
+    )
+    hidden_sizes: list[int] = key("hidden layers", low=1, high=65_536)
+    dropout: float = key("dropout after each hidden layer", low=0, high=0.9)
+    learning_rate: float = key("Adam learning rate", above=0, high=1)
+    gradient_penalty: float = key("weight of the gradient penalty", low=0, high=1e6)
+    penalty_on: str = key(
+        "where the gradient penalty is taken, interpolates: of both streams, aim 1; with aim 0 on the reference "
+        "(as AMP) or on both streams",
+        choices=("interpolates", "reference", "both"),
+    )
+    label_smoothing: float = key("labels of bce are 1 - this and this", low=0, high=0.49)
+    update_interval: int = key("critic updates per discriminator update", low=1, high=10**6)
+    batch_size: int = key("windows of each stream per update", low=1, high=10**7)
+    recent_steps: int | None = key(
+        "the student's windows are drawn from this many last steps; null: from all", low=1, high=10**9
+    )
+    standardize: bool = key("true: features are standardised by the reference's mean and deviation")
+    reward_limit: float | None = key("largest imitation reward; null: no limit", above=0, high=1e6)
+    held_out: float = key("share of the reference held out for the validation loss", above=0, high=0.9)
+    patience: int | None = key(
+        "updates without a better validation loss before training stops; null: never", low=1, high=10**9
+    )
