@@ -34,21 +34,21 @@ install: $(PACKAGE) ## make the virtual environment and build the package into i
 run: $(PACKAGE) ## train teacher, student and baseline, and compare them (options: ARGS="speed=3 seed=1")
 	$(BIN)/python -m romgrl $(ARGS)
 
-test: $(PACKAGE) ## run the tests, a little of each slow suite among them (under 8 minutes on two cores)
+test: $(PACKAGE) ## run the tests, a little of each slow suite among them (under 10 minutes on two cores)
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadgroup $(ARGS)
 
-test-slow: $(PACKAGE) ## run the tests that train for minutes, but those of test-faults (under half an hour)
+test-slow: $(PACKAGE) ## run the tests that train for minutes, but those of test-faults (10 minutes on two cores)
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -m "slow and not browser" -n auto --dist loadgroup --timeout 3600 \
 		--ignore tests/faults $(ARGS)
 
-test-faults: $(PACKAGE) ## break it: kills, full disks, damaged files, lost servers, bad input (under 20 minutes)
+test-faults: $(PACKAGE) ## break it: kills, full disks, damaged files, lost servers, bad input (17 minutes)
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -m "slow or not slow" -n auto -rP --dist loadgroup --timeout 3600 tests/faults $(ARGS)
 
 test-browser: $(PACKAGE) ## open reports in headless Chromium; pictures of them in outputs/screenshots
 	@PYTHON=$(PYTHON) .ci/system-packages chromium
 	$(BIN)/python -m pytest -m browser -n 0 -rP --timeout 600 tests/browser $(ARGS)
 
-test-sanitizers: $(SANITIZED)/.built ## run the tests that use the C++ core with AddressSanitizer and UBSan (under 20 minutes)
+test-sanitizers: $(SANITIZED)/.built ## run the tests that use the C++ core with AddressSanitizer and UBSan (4 minutes)
 	ROMGRL_SANITIZED=$(SANITIZED) PYTHONPATH=tests/sanitized OMP_NUM_THREADS=1 \
 	LD_PRELOAD="$$(gcc -print-file-name=libasan.so) $$(gcc -print-file-name=libubsan.so)" \
 	ASAN_OPTIONS=detect_leaks=0 UBSAN_OPTIONS=print_stacktrace=1 \

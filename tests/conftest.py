@@ -81,7 +81,10 @@ def command(tmp_path: Path) -> Command:
     """Run the command line with fake stages in a process of its own, outputs in the test's directory."""
 
     def execute(*arguments: str, **variables: str) -> subprocess.CompletedProcess[str]:
-        process = start(*arguments, f"paths.outputs={tmp_path}/outputs", **variables)
+        if any(argument.startswith("paths.outputs=") for argument in arguments):
+            process = start(*arguments, **{"HOME": str(tmp_path), **variables})
+        else:
+            process = start(*arguments, f"paths.outputs={tmp_path}/outputs", **variables)
         out, err = process.communicate(timeout=PATIENCE)
         return subprocess.CompletedProcess(process.args, process.returncode, out, err)
 

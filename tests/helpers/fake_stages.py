@@ -20,6 +20,10 @@ from romgrl.provenance import stage_graph
 from romgrl.runtime.stage_log import StageLog
 from tests.helpers.limits import wait_until
 
+FELL = "perturbation,unit,level,walker,trials,fall_rate\n"
+FELL += "".join(f"push_forward,N s/kg,0.3,{walker},3,{rate}\n" for walker, rate in (("student", 0), ("baseline", 1)))
+ROBUSTNESS = {"robustness.csv": FELL, "floquet.csv": "rank,modulus,low,high\n1,0.5,0.4,0.6\n"}
+
 
 def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog) -> None:
     """Write an array, a curve and, for the evaluation, its tables."""
@@ -46,6 +50,8 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
     numbers = np.array([config.speed, config.eta, config.seed, config.teacher.speed])
     save_arrays(output / "data.npz", {"x": np.arange(4.0), "numbers": numbers, "upstream": np.array(sorted(inputs))})
     write_bytes(output / "policy.safetensors", save({"w": np.ones((2, 3), np.float32)}))
+    for name, text in ROBUSTNESS.items() if stage == "robustness" else ():
+        (output / name).write_text(text, encoding="utf-8")
     if stage == "evaluation":
         (output / "mse.csv").write_text(
             "channel,alignment,baseline,student,reduction_percent\naverage,raw,2,1,50\n", encoding="utf-8"
