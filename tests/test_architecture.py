@@ -114,6 +114,8 @@ def test_outside_libraries(path: Path) -> None:
         assert "mlflow" not in roots
     if own not in WIRING:
         assert not roots & {"hydra", "omegaconf"}
+    if path.name != "hydra_internals.py":
+        assert not [name for name in imports(path) if name.startswith("hydra._internal")]
     if own in LEARNING:
         assert not roots & {"gymnasium", "mujoco"}
     assert not roots & {"pickle", "joblib", "dill", "shelve"}

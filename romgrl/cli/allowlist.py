@@ -13,18 +13,22 @@ import traceback
 from collections.abc import Collection, Iterator, Sequence
 from typing import Any
 
-import hydra._internal.hydra
-from hydra._internal.callbacks import Callbacks
-from hydra._internal.config_loader_impl import ConfigLoaderImpl, get_overrides_dirname
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import Override, OverrideType
 from hydra.core.utils import setup_globals
 from hydra.errors import HydraException
-from hydra.plugins.sweeper import Sweeper
 from hydra.types import RunMode
 from omegaconf import DictConfig, ListConfig, OmegaConf
 from omegaconf.errors import InterpolationToMissingValueError, MissingMandatoryValue, OmegaConfBaseException
 
+from romgrl.cli.hydra_internals import (
+    Callbacks,
+    ConfigLoaderImpl,
+    get_overrides_dirname,
+    use_callbacks,
+    use_loader,
+    validate_no_batch,
+)
 from romgrl.cli.typed_text import quote_stored_sweep, quoted, use_text_source
 from romgrl.cli.whole_paths import make_whole
 from romgrl.config.values import one_line
@@ -50,13 +54,9 @@ def guard_hydra() -> None:
     setup_globals()
     os.environ["HYDRA_FULL_ERROR"] = "1"  # errors come to `main` instead of into Hydra's own report
     use_text_source()
-    hydra._internal.hydra.ConfigLoaderImpl = GuardedLoader  # type: ignore[attr-defined]  # it offers no other way in
-    hydra._internal.hydra.Callbacks = LoudCallbacks  # type: ignore[attr-defined]
-    Sweeper.validate_batch_is_legal = leave_batch  # type: ignore[assignment, method-assign]
-
-
-def leave_batch(sweeper: Sweeper, batch: Sequence[Sequence[str]]) -> None:
-    """Every job was composed and checked before Hydra was called; once more would be a third of the time of a job."""
+    use_loader(GuardedLoader)
+    use_callbacks(LoudCallbacks)
+    validate_no_batch()
 
 
 class LoudCallbacks(Callbacks):

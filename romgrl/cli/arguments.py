@@ -8,11 +8,11 @@ from argparse import ArgumentError, Namespace
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from hydra._internal.utils import get_args_parser
 from hydra.core.override_parser.types import Override, ValueType
 from hydra.types import RunMode
 
 from romgrl.cli.compose import explanation, problems, register_schema
+from romgrl.cli.hydra_internals import get_args_parser
 from romgrl.cli.hydra_loader import Loader, stored_sweep
 from romgrl.cli.typed_text import is_any_text
 from romgrl.config.addresses import as_typed

@@ -8,8 +8,6 @@ from argparse import Namespace
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
-from hydra._internal.utils import create_config_search_path
 from hydra.core.config_loader import ConfigLoader
 from hydra.core.config_search_path import SearchPathQuery
 from hydra.core.override_parser.overrides_parser import OverridesParser
@@ -23,6 +21,7 @@ from yaml.error import MarkedYAMLError
 
 from romgrl.cli.allowlist import GuardedLoader
 from romgrl.cli.compose import COMPOSITION_ERRORS, CONF, explanation
+from romgrl.cli.hydra_internals import BasicSweeper, create_config_search_path
 from romgrl.cli.typed_text import holds, quoted
 from romgrl.config.values import one_line, refusal, schema_groups, schema_keys, suggestion
 

@@ -14,16 +14,14 @@ from typing import Any
 
 import yaml
 from antlr4 import InputStream, Token  # type: ignore[import-untyped]
-from hydra._internal.core_plugins import file_config_source
-from hydra._internal.sources_registry import SourcesRegistry
 from hydra.core.override_parser.overrides_visitor import HydraErrorListener
-from hydra.core.plugins import Plugins
 from hydra.errors import HydraException
 from hydra.grammar.gen.OverrideLexer import OverrideLexer
 from hydra.plugins.config_source import ConfigResult
 from omegaconf import DictConfig, OmegaConf
 from omegaconf._utils import get_yaml_loader
 
+from romgrl.cli import hydra_internals
 from romgrl.config.addresses import in_quotes
 from romgrl.config.values import kind_of, one_line, schema_groups, schema_keys
 
@@ -103,7 +101,7 @@ def quote_stored_sweep(config: DictConfig) -> None:
         parameters[key] = quoted(f"{key}={value}").partition("=")[2]
 
 
-class FileConfigSource(file_config_source.FileConfigSource):
+class FileConfigSource(hydra_internals.FileConfigSource):
     """A directory of YAML files, in which keys of text have the text of the file.
 
     It has the name of Hydra's own, for which Hydra then takes it in the processes of launchers, too.
@@ -132,8 +130,7 @@ class FileConfigSource(file_config_source.FileConfigSource):
 
 def use_text_source() -> None:
     """Have Hydra read files through the class above."""
-    Plugins.instance()  # finds Hydra's own first
-    SourcesRegistry.instance().types["file"] = FileConfigSource
+    hydra_internals.use_file_source(FileConfigSource)
 
 
 def check_header(path: Path, text: str) -> None:

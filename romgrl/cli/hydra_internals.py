@@ -1,0 +1,57 @@
+"""All that is used of Hydra without its promise, in one place: pyproject.toml bounds its version for this file's sake.
+
+tests/cli/test_hydra_internals.py says of each what breaks where Hydra has changed it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import hydra._internal.hydra as engine
+from hydra._internal.callbacks import Callbacks
+from hydra._internal.config_loader_impl import ConfigLoaderImpl, get_overrides_dirname
+from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
+from hydra._internal.core_plugins.file_config_source import FileConfigSource
+from hydra._internal.sources_registry import SourcesRegistry
+from hydra._internal.utils import create_config_search_path, get_args_parser
+from hydra.core.plugins import Plugins
+from hydra.plugins.sweeper import Sweeper
+
+__all__ = [
+    "BasicSweeper",
+    "Callbacks",
+    "ConfigLoaderImpl",
+    "FileConfigSource",
+    "create_config_search_path",
+    "get_args_parser",
+    "get_overrides_dirname",
+    "use_callbacks",
+    "use_file_source",
+    "use_loader",
+    "validate_no_batch",
+]
+
+
+def use_loader(loader: type[ConfigLoaderImpl]) -> None:
+    """Have Hydra load every configuration through a class; it offers no other way in."""
+    engine.ConfigLoaderImpl = loader  # type: ignore[attr-defined]
+
+
+def use_callbacks(callbacks: type[Callbacks]) -> None:
+    """Have Hydra call its callbacks through a class."""
+    engine.Callbacks = callbacks  # type: ignore[attr-defined]
+
+
+def use_file_source(source: type[FileConfigSource]) -> None:
+    """Have Hydra read YAML files through a class, which launchers find by the name of Hydra's own."""
+    Plugins.instance()  # finds Hydra's own first
+    SourcesRegistry.instance().types["file"] = source
+
+
+def validate_no_batch() -> None:
+    """Have sweepers not compose every job before they launch the first: each was composed and checked before."""
+    Sweeper.validate_batch_is_legal = leave_batch  # type: ignore[assignment, method-assign]
+
+
+def leave_batch(sweeper: Sweeper, batch: Sequence[Sequence[str]]) -> None:
+    """Do nothing about a batch."""
