@@ -1,0 +1,58 @@
+"""A stage of your own: a function of configuration, finished artifacts, an empty directory and a log, and a record.
+
+With the record in STAGES of romgrl/provenance/stage_graph.py and its name in romgrl/config/schema.py it is a value of
+`stage=`.
+"""
+
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from romgrl.artifacts import load_arrays
+from romgrl.cli.compose import compose_config
+from romgrl.config.schema import Config
+from romgrl.pipeline.run import run as run_job
+from romgrl.provenance.stage_graph import STAGES, Stage
+from romgrl.runtime.stage_log import StageLog
+
+
+def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog) -> None:
+    """Write heights.csv: how high the body is over the reference, as quantiles in m."""
+    heights = load_arrays(inputs["reference"] / "reference.npz")["features"][:, 0]
+    rows = [f"{share},{np.quantile(heights, share):.4f}" for share in (0.0, 0.5, 1.0)]
+    (output / "heights.csv").write_text("\n".join(["quantile,height_m", *rows, ""]), encoding="utf-8")
+    log.message(f"the body rises by {np.ptp(heights):.3f} m")
+
+
+RECORD = Stage("quantiles of the body's height", f"{__name__}:run", upstream=("reference",), depends=("seed",))
+
+
+def main() -> Path:
+    """Make it from the teacher that ships, in a directory of its own, as a job does with its stages."""
+    outputs = tempfile.mkdtemp()
+    config = compose_config("teacher=pretrained", "stage=reference", "tracking=none", f"paths.outputs={outputs}")
+    made, output = run_job(config), Path(outputs, "heights")
+    output.mkdir()
+    STAGES["heights"] = RECORD
+    RECORD_LOG.message(f"stages: {', '.join(STAGES)}")
+    run(config, {name: made[name] for name in RECORD.upstream}, output, RECORD_LOG)
+    return output / "heights.csv"
+
+
+class Printing:
+    """The least that a log has to be."""
+
+    def progress(self, step: int, total: int, **numbers: float) -> None: ...
+    def metrics(self, values: Mapping[str, float], step: int) -> None: ...
+    def resumed(self, step: int) -> None: ...
+    def message(self, text: str) -> None:
+        """Print a line."""
+        print(text)
+
+
+RECORD_LOG = Printing()
+
+if __name__ == "__main__":
+    print(main().read_text(encoding="utf-8"))

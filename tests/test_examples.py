@@ -1,0 +1,68 @@
+"""The examples of the documents run, and show what they say."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from romgrl.algorithms.adversarial_losses import LOSSES
+from romgrl.cli.arguments import faults
+from romgrl.gait.measures import MEASURES
+from romgrl.provenance.stage_graph import STAGES
+
+EXAMPLES = Path(__file__).resolve().parents[1] / "docs" / "examples"
+
+
+@pytest.fixture(autouse=True)
+def registries_as_before() -> object:
+    """What an example registers is gone after it."""
+    before = [(registry, dict(registry)) for registry in (LOSSES, MEASURES, STAGES)]
+    yield
+    for registry, entries in before:
+        registry.clear()
+        registry.update(entries)
+
+
+def example(name: str) -> ModuleType:
+    """An example as a module."""
+    spec = importlib.util.spec_from_file_location(name, EXAMPLES / f"{name}.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_each_is_short() -> None:
+    for path in EXAMPLES.glob("*.py"):
+        assert len(path.read_text(encoding="utf-8").splitlines()) <= 60, path.name
+
+
+def test_a_variant_of_the_reduced_order_model() -> None:
+    assert faults([f"--config-dir={EXAMPLES}/presets", "rom=stiff_legs"]) == []
+
+
+def test_a_loss_of_the_discriminator() -> None:
+    found = example("discriminator_loss").main()
+    assert found["accuracy"] > 0.95
+    assert found["teacher"] > 0.9 > 0.1 > found["student"]
+
+
+def test_a_measure_of_the_gait() -> None:
+    assert 0.2 < example("gait_measure").main() < 0.5  # a run: duty factor about 0.3
+
+
+def test_a_stage() -> None:
+    lines = example("stage").main().read_text(encoding="utf-8").splitlines()
+    heights = [float(line.partition(",")[2]) for line in lines[1:]]
+    assert heights == sorted(heights)
+    assert 0.7 < heights[0] < heights[-1] < 1.1
+
+
+def test_sac_on_another_environment() -> None:
+    rewards = example("sac_on_your_environment").main(1000)
+    assert rewards[-200:].mean() > 2 * rewards[:200].mean()  # both below zero
+    assert rewards[-200:].mean() > -3.0
