@@ -24,7 +24,7 @@ LONG = {
 }
 
 
-@pytest.mark.parametrize("count", [2, pytest.param(20, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [3, pytest.param(20, marks=pytest.mark.slow)])
 def test_signals_leave_a_checkpoint(tmp_path: Path, count: int) -> None:
     """Interrupted again and again, each training goes on from a later step than the time before."""
     generator = random.Random(0)
