@@ -24,7 +24,7 @@ def flight_share(contact: Bools, valid: Bools) -> float:
 
 def main() -> float:
     """Of the teacher that ships, over ten seconds after two that it takes to settle."""
-    config = compose_config("teacher=pretrained")
+    config = compose_config("teacher=pretrained", "threads=1")
     env = rom_env(config, num_envs=8, episode_steps=400)
     policy, contact = read_teacher(PLACE / "teacher", config, env), np.zeros((8, 360, 2), bool)
     observation, _ = env.reset(seed=0)
