@@ -121,7 +121,7 @@ def test_the_new_checkpoint_is_on_the_disk_before_an_old_one_goes(
     """Its name, too: a power cut then leaves one of them."""
     calls: list[str] = []
     forget = Checkpoints._forget
-    monkeypatch.setattr(checkpoint, "sync", lambda path: calls.append(f"sync {len(list(path.glob('*.json')))}"))
+    monkeypatch.setattr(checkpoint, "sync_path", lambda path: calls.append(f"sync {len(list(path.glob('*.json')))}"))
     monkeypatch.setattr(Checkpoints, "_forget", lambda self: (calls.append("forget"), forget(self)))
     saved(tmp_path, [10, 20, 30])
     assert calls == ["sync 1", "forget", "sync 2", "forget", "sync 3", "forget"]
