@@ -117,44 +117,15 @@ void restore(Batch& batch, py::array states) {
 void bind_parameters(py::module_& module) {
     py::class_<Parameters> c(module, "Parameters");
     c.def(py::init<>());
-#define ROMGRL_FIELD(name) c.def_readwrite(#name, &Parameters::name)
-    ROMGRL_FIELD(mass);
-    ROMGRL_FIELD(leg_length);
-    ROMGRL_FIELD(foot_radius);
-    ROMGRL_FIELD(foot_mass);
-    ROMGRL_FIELD(stiffness);
-    ROMGRL_FIELD(stance_damping);
-    ROMGRL_FIELD(swing_damping);
-    ROMGRL_FIELD(hip_torque);
-    ROMGRL_FIELD(torque_lag);
-    ROMGRL_FIELD(trunk_moment_limit);
-    ROMGRL_FIELD(retraction);
-    ROMGRL_FIELD(retraction_time);
-    ROMGRL_FIELD(hip_angle_limit);
-    ROMGRL_FIELD(compression_limit);
-    ROMGRL_FIELD(extension_limit);
-    ROMGRL_FIELD(friction);
-    ROMGRL_FIELD(trunk_locked);
-    ROMGRL_FIELD(trunk_pinned);
-    ROMGRL_FIELD(trunk_inertia);
-    ROMGRL_FIELD(trunk_pitch_limit);
-    ROMGRL_FIELD(fall_height);
-    ROMGRL_FIELD(substeps);
-    ROMGRL_FIELD(velocity_iterations);
-    ROMGRL_FIELD(position_iterations);
-    ROMGRL_FIELD(gravity);
-    ROMGRL_FIELD(reset_hip_angle_low);
-    ROMGRL_FIELD(reset_hip_angle_high);
-    ROMGRL_FIELD(reset_speed_low);
-    ROMGRL_FIELD(reset_speed_high);
-    ROMGRL_FIELD(speed);
-    ROMGRL_FIELD(control_frequency);
-    ROMGRL_FIELD(episode_steps);
-    ROMGRL_FIELD(alpha);
-    ROMGRL_FIELD(reward_is_velocity);
-    ROMGRL_FIELD(observation_is_paper);
-    ROMGRL_FIELD(engine_is_native);
-#undef ROMGRL_FIELD
+#define ROW(type, name, ...) c.def_readwrite(#name, &Parameters::name);
+    ROMGRL_PARAMETERS(ROW)
+    ROMGRL_RESETS(ROW)
+#undef ROW
+    py::dict bounds;
+#define ROW(type, name, value, least, most) bounds[#name] = py::make_tuple(type(value), least, most);
+    ROMGRL_PARAMETERS(ROW)
+#undef ROW
+    module.attr("PARAMETERS") = bounds;
 }
 
 void bind_pose(py::module_& module) {

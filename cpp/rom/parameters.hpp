@@ -5,44 +5,57 @@
 
 namespace romgrl {
 
-struct Parameters {
-    double mass = 71.8;  // total, feet included
-    double leg_length = 0.865;  // rest length from hip (trunk centre) to foot centre
-    double foot_radius = 0.072;
-    double foot_mass = 0.9;  // each
-    double stiffness = 24000.0;
-    double stance_damping = 30.0;
-    double swing_damping = 140.0;
-    double hip_torque = 60.0;
-    double torque_lag = 0.02;  // time constant; 0: none
-    double trunk_moment_limit = 25.0;  // infinity: none
-    double retraction = 0.15;  // share of leg_length
-    double retraction_time = 0.08;
-    double hip_angle_limit = 1.3;
-    double compression_limit = 0.5;  // share of leg_length
-    double extension_limit = 1.05;  // share of leg_length
-    double friction = 1.0;
-    bool trunk_locked = true;
-    bool trunk_pinned = false;  // holds the trunk where it is placed; for tests of a single leg
-    double trunk_inertia = 3.0;
-    double trunk_pitch_limit = 1.0;
-    double fall_height = 0.6;  // share of leg_length
-    int substeps = 16;
-    int velocity_iterations = 8;
-    int position_iterations = 3;
-    double gravity = 9.81;
+constexpr double kUnlimited = std::numeric_limits<double>::infinity();
 
-    double reset_hip_angle_low = 0.25;
-    double reset_hip_angle_high = 0.40;
-    double reset_speed_low = 0.5;  // share of speed
-    double reset_speed_high = 1.1;
-    double speed = 4.0;
-    double control_frequency = 30.0;
-    int episode_steps = 400;
-    double alpha = 1.0;
-    bool reward_is_velocity = false;
-    bool observation_is_paper = false;
-    bool engine_is_native = false;
+// One row per parameter: type, name, default, least, most. Struct, checks and bindings are made of it.
+// Lengths that are shares are of leg_length; feet count in the mass; a leg's rest length ends at the foot's centre.
+#define ROMGRL_PARAMETERS(ROW)                                       \
+    ROW(double, mass, 71.8, 1e-2, 1e6)                               \
+    ROW(double, foot_mass, 0.7, 1e-4, 1e5)                           \
+    ROW(double, leg_length, 0.865, 0.05, 2.0)                        \
+    ROW(double, foot_radius, 0.072, 1e-3, 1.0)                       \
+    ROW(double, stiffness, 24000.0, 1e-3, 1e9)                       \
+    ROW(double, stance_damping, 30.0, 0.0, 1e7)                      \
+    ROW(double, swing_damping, 140.0, 0.0, 1e7)                      \
+    ROW(double, hip_torque, 60.0, 0.0, 1e5)                          \
+    ROW(double, torque_lag, 0.02, 0.0, 100.0)                        \
+    ROW(double, trunk_moment_limit, 25.0, 0.0, ::romgrl::kUnlimited) \
+    ROW(double, retraction, 0.15, 0.0, 0.4)                          \
+    ROW(double, retraction_time, 0.08, 1e-6, 100.0)                  \
+    ROW(double, hip_angle_limit, 1.3, 0.01, 1.57)                    \
+    ROW(double, compression_limit, 0.5, 0.05, 1.0)                   \
+    ROW(double, extension_limit, 1.05, 1.0, 1.5)                     \
+    ROW(double, friction, 1.0, 0.0, 100.0)                           \
+    ROW(bool, trunk_locked, true, 0.0, 1.0)                          \
+    ROW(bool, trunk_pinned, false, 0.0, 1.0)                         \
+    ROW(double, trunk_inertia, 3.0, 1e-4, 1e6)                       \
+    ROW(double, trunk_pitch_limit, 1.0, 0.01, 10.0)                  \
+    ROW(double, fall_height, 0.6, 0.0, 1.0)                          \
+    ROW(int, substeps, 16, 1, 10000)                                 \
+    ROW(int, velocity_iterations, 8, 1, 1000)                        \
+    ROW(int, position_iterations, 3, 1, 1000)                        \
+    ROW(double, gravity, 9.81, 0.0, 100.0)                           \
+    ROW(double, speed, 4.0, 0.0, 10.0)                               \
+    ROW(double, control_frequency, 30.0, 1.0, 10000.0)               \
+    ROW(int, episode_steps, 400, 1, 1e9)                             \
+    ROW(double, alpha, 1.0, 1e-9, 1e6)                               \
+    ROW(bool, reward_is_velocity, false, 0.0, 1.0)                   \
+    ROW(bool, observation_is_paper, false, 0.0, 1.0)                 \
+    ROW(bool, engine_is_native, false, 0.0, 1.0)
+
+// Ranges from which resets are drawn; their bounds depend on other parameters. Speeds are shares of speed.
+#define ROMGRL_RESETS(ROW)                  \
+    ROW(double, reset_hip_angle_low, 0.33)  \
+    ROW(double, reset_hip_angle_high, 0.42) \
+    ROW(double, reset_speed_low, 0.9)       \
+    ROW(double, reset_speed_high, 1.05)
+
+struct Parameters {
+    // trunk_moment_limit: infinity is none; torque_lag: 0 is none; trunk_pinned holds the trunk for tests of a single leg
+#define ROW(type, name, value, ...) type name = value;
+    ROMGRL_PARAMETERS(ROW)
+    ROMGRL_RESETS(ROW)
+#undef ROW
 
     double substep_time() const { return 1.0 / (control_frequency * substeps); }
 };

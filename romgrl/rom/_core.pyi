@@ -6,44 +6,11 @@ from numpy.typing import NDArray
 
 STATE_SIZE: int
 
+PARAMETERS: dict[str, tuple[float, float, float]]  # by name: default, least and most
+
 class Parameters:
-    mass: float
-    leg_length: float
-    foot_radius: float
-    foot_mass: float
-    stiffness: float
-    stance_damping: float
-    swing_damping: float
-    hip_torque: float
-    torque_lag: float
-    trunk_moment_limit: float
-    retraction: float
-    retraction_time: float
-    hip_angle_limit: float
-    compression_limit: float
-    extension_limit: float
-    friction: float
-    trunk_locked: bool
-    trunk_pinned: bool
-    trunk_inertia: float
-    trunk_pitch_limit: float
-    fall_height: float
-    substeps: int
-    velocity_iterations: int
-    position_iterations: int
-    gravity: float
-    reset_hip_angle_low: float
-    reset_hip_angle_high: float
-    reset_speed_low: float
-    reset_speed_high: float
-    speed: float
-    control_frequency: float
-    episode_steps: int
-    alpha: float
-    reward_is_velocity: bool
-    observation_is_paper: bool
-    engine_is_native: bool
-    def __init__(self) -> None: ...
+    def __getattr__(self, name: str) -> Any: ...
+    def __setattr__(self, name: str, value: object) -> None: ...
 
 class Pose:
     x: float

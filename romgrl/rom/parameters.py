@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 from romgrl.rom import _core
 
@@ -15,37 +15,42 @@ Engine = Literal["box2d", "native"]
 _RANGES = ("reset_hip_angle", "reset_speed")
 
 
+def _default(name: str) -> Any:
+    return _core.PARAMETERS[name][0]
+
+
 @dataclass(frozen=True)
 class SpringLegParameters:
     """A trunk on two spring legs; the keys mean what they mean in the configuration group `rom`.
 
-    The defaults are the human-sized model that runs at 4 m/s. Values are checked when worlds are built: the
-    constructors of the environments raise ValueError for a value that is not finite, out of range, or unstable.
+    The defaults, those of cpp/rom/parameters.hpp, are a human-sized model that runs at 4 m/s. Values are checked when
+    worlds are built: the constructors of the environments raise ValueError for a value that is not finite, out of
+    range, or unstable.
     """
 
-    mass: float = 71.8
-    leg_length: float = 0.865
-    foot_radius: float = 0.072
-    foot_mass: float = 0.7
-    stiffness: float = 24000.0
-    stance_damping: float = 30.0
-    swing_damping: float = 140.0
-    hip_torque: float = 60.0
-    torque_lag: float = 0.02
-    trunk_moment_limit: float | None = 25.0
-    retraction: float = 0.15
-    retraction_time: float = 0.08
-    hip_angle_limit: float = 1.3
-    compression_limit: float = 0.5
-    extension_limit: float = 1.05
-    friction: float = 1.0
-    trunk_locked: bool = True
-    trunk_inertia: float = 3.0
-    trunk_pitch_limit: float = 1.0
-    fall_height: float = 0.6
-    substeps: int = 16
-    velocity_iterations: int = 8
-    position_iterations: int = 3
+    mass: float = _default("mass")
+    leg_length: float = _default("leg_length")
+    foot_radius: float = _default("foot_radius")
+    foot_mass: float = _default("foot_mass")
+    stiffness: float = _default("stiffness")
+    stance_damping: float = _default("stance_damping")
+    swing_damping: float = _default("swing_damping")
+    hip_torque: float = _default("hip_torque")
+    torque_lag: float = _default("torque_lag")
+    trunk_moment_limit: float | None = _default("trunk_moment_limit")
+    retraction: float = _default("retraction")
+    retraction_time: float = _default("retraction_time")
+    hip_angle_limit: float = _default("hip_angle_limit")
+    compression_limit: float = _default("compression_limit")
+    extension_limit: float = _default("extension_limit")
+    friction: float = _default("friction")
+    trunk_locked: bool = _default("trunk_locked")
+    trunk_inertia: float = _default("trunk_inertia")
+    trunk_pitch_limit: float = _default("trunk_pitch_limit")
+    fall_height: float = _default("fall_height")
+    substeps: int = _default("substeps")
+    velocity_iterations: int = _default("velocity_iterations")
+    position_iterations: int = _default("position_iterations")
     reset_hip_angle: tuple[float, float] = (0.33, 0.42)
     reset_speed: tuple[float, float] = (0.9, 1.05)
     observation: Observation = "full"

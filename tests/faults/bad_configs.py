@@ -229,7 +229,7 @@ MISFITS = (
     ("rom.stiffness", "rom.substeps=1"),
     ("rom.mass", "rom.foot_mass=40"),
     ("rom.compression_limit", "rom.compression_limit=1 rom.extension_limit=1"),
-    ("humanoid.xml", "humanoid=humenv"),
+    ("humanoid.xml", "humanoid.xml=/no/such/file.xml"),
     ("tracking.uri", "tracking.uri=./mlruns"),
     ("tracking.experiment", "tracking.experiment=" + "x" * 300),
     ("paths.outputs", "paths.outputs=" + "x" * 300),

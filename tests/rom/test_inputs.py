@@ -9,6 +9,7 @@ import pytest
 
 from romgrl.rom import _core
 from romgrl.rom.parameters import SpringLegParameters
+from romgrl.rom.parameters import core_parameters as translated
 from romgrl.rom.vector_env import SpringLegVectorEnv
 from tests.helpers.limits import PATIENCE
 from tests.rom.worlds import Worlds, core_parameters, pose
@@ -187,3 +188,13 @@ print(refused, stepped)
     refused, stepped = map(int, result.stdout.split())
     assert refused > 50
     assert stepped > 100
+
+
+def test_the_defaults_stand_in_the_core_alone() -> None:
+    """Also those of the ranges of resets, which are no rows of the core's table."""
+    own = translated(
+        SpringLegParameters(), speed=4.0, control_frequency=30.0, episode_steps=400, reward="exponential", alpha=1.0
+    )
+    resets = [f"reset_{name}_{end}" for name in ("hip_angle", "speed") for end in ("low", "high")]
+    for name in [*_core.PARAMETERS, *resets]:
+        assert getattr(own, name) == getattr(_core.Parameters(), name), name

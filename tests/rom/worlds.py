@@ -18,11 +18,15 @@ TRUNK = slice(0, 6)
 FEET = (slice(6, 12), slice(12, 18))
 
 
+TESTED: dict[str, Any] = {"foot_mass": 0.9, "reset_speed_low": 0.5, "reset_speed_high": 1.1}
+TESTED |= {"reset_hip_angle_low": 0.25, "reset_hip_angle_high": 0.40}
+
+
 def core_parameters(**values: Any) -> _core.Parameters:
-    """The defaults of the core with some values changed."""
+    """Parameters of the core with wider resets and heavier feet than its defaults, and some values changed."""
     parameters = _core.Parameters()
     parameters.engine_is_native = ENGINE == "native"
-    for name, value in values.items():
+    for name, value in (TESTED | values).items():
         setattr(parameters, name, value)
     return parameters
 
