@@ -13,7 +13,7 @@ from romgrl.command_line import checked, refuse
 from romgrl.composition import COMPOSITION_ERRORS, CONF, to_config
 from romgrl.display import protect
 from romgrl.endings import exit_code_of
-from romgrl.errors import ConfigurationError, RomgrlError
+from romgrl.errors import ConfigurationError, RomgrlError, StorageError
 from romgrl.usage import usage
 
 failures: list[RomgrlError] = []
@@ -29,6 +29,17 @@ def job(composed: DictConfig) -> None:
     except RomgrlError as error:
         print(error, file=sys.stderr)
         failures.append(error)
+    except OSError as error:
+        failures.append(told(error))
+
+
+def told(error: OSError) -> RomgrlError:
+    """A file that a job could not use, once it is told. Raises what names no file again: that is a bug."""
+    if error.filename is None:
+        raise error
+    fault = StorageError(f"{error.filename}: {error.strerror}")
+    print(fault, file=sys.stderr)
+    return fault
 
 
 def run() -> None:

@@ -7,6 +7,7 @@ import json
 import os
 import signal
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -30,6 +31,7 @@ LAUNCH_VARIABLE = "ROMGRL_LAUNCH"
 FAILURES = "failures.jsonl"
 STOPPING = "stopping"
 RUNNING = ".running"  # suffix of a file that is named by the process of a job
+LOOK_SECONDS = 1.0  # between two looks at whether the sweep is still there
 SHARES_TERMINAL = "joblib"  # the launcher whose jobs write to the terminal of the sweep and are stopped with it
 
 
@@ -75,7 +77,8 @@ class Launch:
     @contextmanager
     def running(self) -> Iterator[None]:
         """Let `stop` reach this process while the block runs; what the terminal sends comes to the sweep, too."""
-        path = Path(self.directory, f"{os.getpid()}{RUNNING}")
+        path, sweep, ended = Path(self.directory, f"{os.getpid()}{RUNNING}"), os.getppid(), threading.Event()
+        threading.Thread(target=end_with, args=(sweep, ended), daemon=True).start()
         for number in (signal.SIGINT, signal.SIGHUP):
             interruption.leave(number)
             signal.signal(number, signal.SIG_IGN)
@@ -87,7 +90,18 @@ class Launch:
             yield
         finally:
             interruption.rest()
+            ended.set()
             path.unlink(missing_ok=True)
+            if os.getppid() != sweep:
+                os._exit(128 + signal.SIGTERM)  # nobody is left who would give this process another job
+
+
+def end_with(sweep: int, ended: threading.Event) -> None:
+    """Interrupt this process once that of its sweep is gone, killed by something that it cannot pass on."""
+    while not ended.wait(LOOK_SECONDS):
+        if os.getppid() != sweep:
+            os.kill(os.getpid(), signal.SIGTERM)
+            return
 
 
 def announced() -> Launch | None:
