@@ -15,10 +15,19 @@ from romgrl.cli.compose import COMPOSITION_ERRORS, CONF, to_config
 from romgrl.cli.exit_codes import exit_code_of
 from romgrl.cli.help import usage
 from romgrl.config.schema import Config
-from romgrl.errors import ConfigurationError, RomgrlError
+from romgrl.errors import ConfigurationError, RomgrlError, StorageError
 from romgrl.runtime.display import protect
 
 RunJob = Callable[[Config, Sequence[str]], None]
+
+
+def told(error: OSError) -> RomgrlError:
+    """A file that a job could not use, once it is told. Raises what names no file again: that is a bug."""
+    if error.filename is None:
+        raise error
+    fault = StorageError(f"{error.filename}: {error.strerror}")
+    print(fault, file=sys.stderr)
+    return fault
 
 
 def run(job: RunJob) -> None:
@@ -35,6 +44,8 @@ def run(job: RunJob) -> None:
         except RomgrlError as error:
             print(error, file=sys.stderr)
             failures.append(error)
+        except OSError as error:
+            failures.append(told(error))
 
     protect()
     if {"-h", "--help"} & set(sys.argv):

@@ -114,7 +114,8 @@ class Loader:
         """Yield every YAML file of the user's directories, behind its directory."""
         for source in self._loader.get_sources():
             if source.scheme() == "file" and Path(source.path) != CONF:
-                yield from ((Path(source.path), path) for path in sorted(Path(source.path).rglob("*.yaml")))
+                paths = sorted(path for path in Path(source.path).rglob("*.yaml") if path.is_file())
+                yield from ((Path(source.path), path) for path in paths)
 
 
 def sweep_jobs(overrides: Sequence[str], loader: ConfigLoader) -> list[list[str]]:

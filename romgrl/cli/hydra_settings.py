@@ -38,7 +38,7 @@ def is_printable(value: Any) -> bool:
 
 def is_place(value: Any) -> bool:
     """Tell whether a value names a directory that is there or can be made."""
-    return is_printable(value) and (os.path.isdir(str(value)) or writable_directory(str(value)))
+    return os.path.isdir(str(value)) or (is_printable(value) and writable_directory(str(value)))
 
 
 ANYWHERE = {

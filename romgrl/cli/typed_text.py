@@ -161,8 +161,11 @@ def put_back(config: DictConfig, package: str, text: str) -> None:
 
 
 def holds(text: str, path: Sequence[str]) -> bool:
-    """Tell whether a file has a key."""
-    node = yaml.compose(text, Loader=get_yaml_loader())
+    """Tell whether a file has a key; one that is not YAML has none."""
+    try:
+        node = yaml.compose(text, Loader=get_yaml_loader())
+    except yaml.YAMLError:
+        return False
     for part in path:
         if not isinstance(node, yaml.MappingNode) or part not in (held := entries(node)):
             return False

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import threading
 import time
 from collections.abc import Mapping, Sequence
@@ -125,6 +126,9 @@ class Job:
         require_right(Path(self.config.paths.outputs) / "artifacts" / stage, f"{stage} is to be made")
         if directory is not None:
             workspace = Workspace(directory)
+            for place in (directory, workspace.partial):
+                if os.path.lexists(place) and not place.is_dir():
+                    raise ArtifactError(f"{place}: is no directory; remove it, and the same command makes the {stage}")
             for place in (lock_path(directory), lock_path(workspace.partial), *workspace.places):
                 require_right(place, f"{stage} is to be made")
 

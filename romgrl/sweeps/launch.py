@@ -7,6 +7,7 @@ import json
 import os
 import signal
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -31,6 +32,7 @@ LAUNCH_VARIABLE = "ROMGRL_LAUNCH"
 FAILURES_FILE = "failures.jsonl"
 STOPPING = "stopping"
 RUNNING_SUFFIX = ".running"  # suffix of a file that is named by the process of a job
+LOOK_SECONDS = 1.0  # between two looks at whether the sweep is still there
 SHARES_TERMINAL = "joblib"  # the launcher whose jobs write to the terminal of the sweep and are stopped with it
 
 
@@ -76,7 +78,8 @@ class Launch:
     @contextmanager
     def running(self) -> Iterator[None]:
         """Let `stop` reach this process while the block runs; what the terminal sends comes to the sweep, too."""
-        path = Path(self.directory, f"{os.getpid()}{RUNNING_SUFFIX}")
+        path, sweep, ended = Path(self.directory, f"{os.getpid()}{RUNNING_SUFFIX}"), os.getppid(), threading.Event()
+        threading.Thread(target=end_with, args=(sweep, ended), daemon=True).start()
         for number in (signal.SIGINT, signal.SIGHUP):
             signals.leave(number)
             signal.signal(number, signal.SIG_IGN)
@@ -88,7 +91,18 @@ class Launch:
             yield
         finally:
             signals.rest()
+            ended.set()
             path.unlink(missing_ok=True)
+            if os.getppid() != sweep:
+                os._exit(128 + signal.SIGTERM)  # nobody is left who would give this process another job
+
+
+def end_with(sweep: int, ended: threading.Event) -> None:
+    """Interrupt this process once that of its sweep is gone, killed by something that it cannot pass on."""
+    while not ended.wait(LOOK_SECONDS):
+        if os.getppid() != sweep:
+            os.kill(os.getpid(), signal.SIGTERM)
+            return
 
 
 def announced() -> Launch | None:

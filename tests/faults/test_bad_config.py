@@ -83,7 +83,7 @@ def in_process(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.C
 
 
 def test_settings_of_hydra_are_told(in_process: Program, tmp_path: Path) -> None:
-    cases = [*OF_HYDRA, FILES[-1]]
+    cases = [*OF_HYDRA, *FILES[-2:]]
     outcomes = [in_process(arguments_of(one, number, tmp_path)) for number, one in enumerate(cases)]
     short = map(shortcoming, cases, outcomes)
     assert not [text for text in short if text]

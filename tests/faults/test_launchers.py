@@ -10,6 +10,7 @@ import subprocess
 from importlib.util import find_spec
 from pathlib import Path
 
+import psutil
 import pytest
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
@@ -170,6 +171,16 @@ def test_a_signal_ends_a_sweep_of_one_process(tmp_path: Path, number: signal.Sig
     code, _, _ = end(job)
     assert code == 128 + number
     assert calls(tmp_path) == 1
+
+
+def test_the_jobs_of_a_sweep_that_is_killed_end_in_good_order(tmp_path: Path) -> None:
+    job = begin(tmp_path, "joblib", "stage=baseline", "speed=1,2", FAKE_SECONDS=LONG)
+    wait_until(lambda: calls(tmp_path) == 2)
+    processes = jobs(tmp_path)
+    job.kill()
+    job.communicate(timeout=PATIENCE)
+    wait_until(lambda: not any(psutil.pid_exists(process) for process in processes))
+    assert len(list(tmp_path.glob("artifacts/baseline/*.partial/half.npz"))) == 2
 
 
 @pytest.mark.slow

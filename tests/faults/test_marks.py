@@ -10,8 +10,8 @@ import pytest
 from mlflow.exceptions import MlflowException
 
 from romgrl.config.addresses import sqlite_address
-from romgrl.tracking import syncing
 from romgrl.tracking.journal import Outbox, journals
+from romgrl.tracking.sending import syncing
 from romgrl.tracking.sending.sender import Sender
 from romgrl.tracking.sending.store import Store
 from tests.faults.test_journal import journaled

@@ -77,6 +77,22 @@ def test_finished_results_of_another_are_read(fakes: None, smoke_config: Config,
     assert trainings(outputs) == made
 
 
+@pytest.mark.parametrize("suffix", ["", ".partial"])
+def test_a_place_that_is_no_directory_is_named_before_any_work(fakes: None, smoke_config: Config, suffix: str) -> None:
+    """A link that leads nowhere, or what a process would wait for when it opens it."""
+    config = replace(smoke_config, stage="teacher", tracking=replace(smoke_config.tracking, enabled=False))
+    made = pipeline.run(config, console=Console(file=io.StringIO()))["teacher"]
+    shutil.rmtree(made)
+    place = made.with_name(made.name + suffix)
+    if suffix:
+        os.mkfifo(place)
+    else:
+        place.symlink_to("/no/such/place")
+    with pytest.raises(ArtifactError, match=f"{place}: is no directory; remove it"):
+        pipeline.run(config, console=Console(file=io.StringIO()))
+    assert len(trainings(Path(config.paths.outputs))) == 1
+
+
 def test_a_sweep_that_only_reads_needs_no_right_to_write(reader: Reader, tmp_path: Path) -> None:
     (tmp_path / "outputs" / "artifacts").mkdir(parents=True)
     told = reader("-m", "stage=verify", "speed=1,2")
