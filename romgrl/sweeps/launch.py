@@ -32,7 +32,7 @@ LAUNCH_VARIABLE = "ROMGRL_LAUNCH"
 FAILURES_FILE = "failures.jsonl"
 STOPPING = "stopping"
 RUNNING_SUFFIX = ".running"  # suffix of a file that is named by the process of a job
-LOOK_SECONDS = 1.0  # between two looks at whether the sweep is still there
+PARENT_SECONDS = 1.0  # between two looks at whether the sweep is still there
 SHARES_TERMINAL = "joblib"  # the launcher whose jobs write to the terminal of the sweep and are stopped with it
 
 
@@ -99,7 +99,7 @@ class Launch:
 
 def end_with(sweep: int, ended: threading.Event) -> None:
     """Interrupt this process once that of its sweep is gone, killed by something that it cannot pass on."""
-    while not ended.wait(LOOK_SECONDS):
+    while not ended.wait(PARENT_SECONDS):
         if os.getppid() != sweep:
             os.kill(os.getpid(), signal.SIGTERM)
             return

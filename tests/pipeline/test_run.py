@@ -74,7 +74,7 @@ def test_a_run_that_makes_nothing_imports_nothing_heavy(command: Command, tmp_pa
     script = (
         "import sys, atexit; heavy = {'torch', 'mujoco', 'mlflow', 'matplotlib', 'pandas'};"
         "atexit.register(lambda: print(heavy & set(sys.modules)));"
-        "from romgrl.__main__ import main; from tests.pipeline import fake_stages; fake_stages.install(); main()"
+        "from romgrl.__main__ import main; from tests.helpers import fake_stages; fake_stages.install(); main()"
     )
     process = [sys.executable, "-c", script, *arguments]
     result = subprocess.run(process, cwd=ROOT, capture_output=True, text=True, check=True, encoding="utf-8")

@@ -17,7 +17,8 @@ from romgrl.config.schema import Config
 from romgrl.errors import ArtifactError, ConfigurationError
 from romgrl.pipeline import run as pipeline
 from romgrl.pretrained.__main__ import main, write_artifact
-from romgrl.provenance import shipped, stage_graph
+from romgrl.provenance import shipped as what_ships
+from romgrl.provenance import stage_graph
 from romgrl.provenance.shipped import GROUPS, require_shipped
 from romgrl.provenance.stage_keys import stage_function, stage_settings
 from romgrl.report.numbers import measured
@@ -32,7 +33,7 @@ from tests.provenance.test_stage_keys import all_keys
 
 SMALL = ("experiment=smoke", "stage=evaluation", "tracking=none", "threads=1")
 PRESET = ("student=pretrained", *SMALL)
-PACKAGE = shipped.PLACE
+PACKAGE = what_ships.PLACE
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +51,7 @@ def place(outputs: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Where the command put what it found there."""
     found = tmp_path_factory.mktemp("package")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(shipped, "PLACE", found)
+        patch.setattr(what_ships, "PLACE", found)
         assert main([str(outputs), "experiment=smoke"]) == 0
     return found
 
@@ -59,7 +60,7 @@ def place(outputs: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def shipped(place: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A copy of what ships, that the package takes for its own."""
     shutil.copytree(place, tmp_path / "package")
-    monkeypatch.setattr(shipped, "PLACE", tmp_path / "package")
+    monkeypatch.setattr(what_ships, "PLACE", tmp_path / "package")
     return tmp_path / "package"
 
 
