@@ -57,7 +57,7 @@ def source_files(module: str, package: Path = PACKAGE, core: Path = CORE) -> dic
                 files[f"{name}.csv"] = path.with_suffix(".csv")
             if path.name == "__init__.py":
                 files |= {f"{name}.{part.name}": part for part in path.parent.iterdir() if part.suffix in PAGE_SUFFIXES}
-            waiting += imported(path)
+            waiting += imported(path.read_bytes())
             waiting += [parent for parent in parents(name) if parent not in files]
         elif core.is_dir():
             files |= extension_sources(name, core)
@@ -90,10 +90,11 @@ def extension(name: str) -> Path | None:
     return None
 
 
-def imported(path: Path) -> list[str]:
-    """Dotted names in the absolute imports of a file; `from a import b` names both a and a.b."""
+@cache
+def imported(source: bytes) -> list[str]:
+    """Dotted names in the absolute imports of a source text; `from a import b` names both a and a.b."""
     names: list[str] = []
-    for node in ast.walk(ast.parse(path.read_bytes())):
+    for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Import):
             names += [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom) and node.module is not None:

@@ -97,7 +97,7 @@ class SweepCallback(Callback):
     def on_multirun_start(self, config: DictConfig, **kwargs: Any) -> None:
         """Start the parent run."""
         check_launcher(config)
-        trains = config.stage not in ACTIONS
+        trains = self._trains = config.stage not in ACTIONS
         place = Path(str(config.hydra.sweep.dir)).absolute()
         if trains or may_write(place):
             require_right(place, "the tables of the sweep are to be made", key="hydra.sweep.dir")
@@ -140,7 +140,8 @@ class SweepCallback(Callback):
         codes = [code for _, code in failures]
         if self._launch is not None and self._launch.launcher != SHARES_TERMINAL:
             print("".join(f"{text}\n" for text, _ in failures), end="", file=sys.stderr)
-        wanted = os.environ.pop(SWEEP_VARIABLE, None) is not None and self._signals.first is None
+        os.environ.pop(SWEEP_VARIABLE, None)
+        wanted = self._trains and self._signals.first is None
         status = "FAILED"
         try:
             unjoined = [*self._join(), *self._unended()] if wanted else []
