@@ -29,7 +29,7 @@ from tests.faults.bad_configs import ALLOWED, FILES, HEAD, MISFITS, OF_HYDRA, SP
 from tests.helpers.jobs import ROOT
 from tests.helpers.limits import PATIENCE
 
-SEED, TYPOS, PROCESSES, GOOD = 4, 30, 14, 36
+SEED, TYPOS, PROCESSES, GOOD = 4, 30, 14, 50
 LONGEST_LINE = 400  # characters, whatever the value was
 Outcome = tuple[int, str, str]
 Program = Callable[[list[str]], Outcome]
