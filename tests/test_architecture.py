@@ -19,11 +19,11 @@ ALLOWED: dict[str, set[str]] = {
     "errors": set(),
     "config": set(),
     "runtime": set(),
-    "rom": set(),
     "gait": {"errors"},
+    "rom": {"gait"},
     "artifacts": {"errors"},
-    "algorithms": {"artifacts", "errors"},
-    "humanoid": {"config", "errors"},
+    "algorithms": {"artifacts", "errors", "gait"},
+    "humanoid": {"config", "errors", "gait"},
     "provenance": {"artifacts", "config", "errors", "humanoid", "runtime"},
     "report": {"artifacts", "errors", "gait", "provenance", "rom", "runtime"},
     "tracking": {"artifacts", "config", "errors", "provenance", "runtime"},
@@ -58,7 +58,7 @@ SAME_CONCEPT = {
     "CONFIDENCE": "of intervals",
     "RESAMPLES": "of intervals",
     "SEED": "of intervals",
-    **dict.fromkeys(("Array", "Float32", "Floats", "Image", "Mirror", "Policy", "Rows"), "the type of an argument"),
+    **dict.fromkeys(("Array", "Float32", "Floats", "Image", "Policy", "Rows"), "the type of an argument"),
 }  # public names that more than one room defines, and what they are in each
 
 

@@ -14,16 +14,16 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from romgrl.algorithms.networks.mlp import ACTIVATIONS, initialise_orthogonal, mirror, mlp
+from romgrl.algorithms.networks.mlp import ACTIVATIONS, initialise_orthogonal, mlp
 from romgrl.algorithms.networks.mlp_gradients import MLPGradients, flatten_parameters
 from romgrl.algorithms.policy_file import check_tensors, layer_sizes, read_policy, require
 from romgrl.algorithms.rollout_buffer import Rollout, compute_gae
 from romgrl.algorithms.second_thread import start
 from romgrl.algorithms.tensor_state import optimizer_state, put, restore_optimizer
 from romgrl.artifacts import save_tensors
+from romgrl.gait.symmetry import Mirror
 
 LOG_TWO_PI = math.log(2.0 * math.pi)
-Mirror = tuple[NDArray[np.int64], NDArray[np.float32]]
 
 
 def gaussian_log_probability(scaled: Tensor, log_std: Tensor) -> Tensor:
@@ -57,7 +57,7 @@ class PPO:
     """Gaussian policy with state-independent spread, and a separate value network.
 
     `lane`: a second thread, in which the value network's gradient is computed; it changes no bit of the result.
-    `mirror_observation`, `mirror_action`: (permutation, sign) pairs; with them half of each minibatch is mirrored.
+    `mirror_observation`, `mirror_action`: with them half of each minibatch is mirrored.
     """
 
     def __init__(
@@ -101,9 +101,9 @@ class PPO:
         self.epochs, self.minibatch_size = epochs, minibatch_size
         self.value_coefficient, self.entropy_coefficient = value_coefficient, entropy_coefficient
         self.max_gradient_norm = max_gradient_norm
-        self.mirror_observation = _mirror_tensors(mirror_observation, device)
-        self.mirror_action = _mirror_tensors(mirror_action, device)
-        if (self.mirror_observation is None) != (self.mirror_action is None):
+        self.mirror_observation = mirror_observation and mirror_observation.tensors(device)
+        self.mirror_action = mirror_action and mirror_action.tensors(device)
+        if (mirror_observation is None) != (mirror_action is None):
             raise ValueError("mirror_observation and mirror_action must be given together")
 
     def act(self, observation: Tensor) -> tuple[Tensor, Tensor]:
@@ -168,8 +168,8 @@ class PPO:
         if self.mirror_observation is None or self.mirror_action is None:
             return samples
         images = samples._replace(
-            observations=mirror(samples.observations, *self.mirror_observation),
-            actions=mirror(samples.actions, *self.mirror_action),
+            observations=self.mirror_observation.image(samples.observations),
+            actions=self.mirror_action.image(samples.actions),
         )
         return Minibatch(*(torch.cat(pair) for pair in zip(samples, images, strict=True)))
 
@@ -216,13 +216,6 @@ class PPO:
         error = self.value_gradients.forward(minibatch.observations).squeeze(-1) - minibatch.returns
         self.value_gradients.backward(error[:, None] * (self.value_coefficient / len(error)))
         return error
-
-
-def _mirror_tensors(pair: Mirror | None, device: str) -> tuple[Tensor, Tensor] | None:
-    if pair is None:
-        return None
-    permutation, sign = pair
-    return torch.as_tensor(permutation, device=device), torch.as_tensor(sign, dtype=torch.float32, device=device)
 
 
 class DeterministicPolicy:

@@ -9,8 +9,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-Mirror = tuple[Tensor, Tensor]
-"""Left-right mirroring of a vector: x[..., permutation] * sign."""
+from romgrl.gait.symmetry import Mirror
 
 
 @dataclass
@@ -69,7 +68,8 @@ class ReplayBuffer:
         self.newest = torch.zeros(1, dtype=torch.int64, device=device)
         """Flat index of a transition of the last step in which an environment was not truncated."""
         self.usable = 0  # steps that were added up to that one
-        self.mirrors = (mirror_observation, mirror_action, mirror_frames)
+        given = (mirror_observation, mirror_action, mirror_frames)
+        self.mirrors = [mirror and mirror.tensors(device) for mirror in given]
         self.generator = torch.Generator(device=device).manual_seed(seed)
         self.added = 0
 
@@ -207,5 +207,4 @@ def _rows(ring: Tensor, index: Tensor) -> Tensor:
 
 def _mirror_half(values: Tensor, mirror: Mirror | None) -> None:
     if mirror is not None:
-        permutation, sign = mirror
-        torch.mul(values[::2].index_select(1, permutation), sign, out=values[::2])
+        torch.mul(values[::2].index_select(1, mirror.permutation), mirror.sign, out=values[::2])

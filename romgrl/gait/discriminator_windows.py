@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from romgrl.gait.features import CHANNELS, MIRROR
+from romgrl.gait.symmetry import Mirror, unsigned
 
 Float32 = NDArray[np.float32]
 
@@ -75,13 +76,12 @@ class WindowLayout:
             frames = np.concatenate((frames, (now - before) / np.float32(self.dt)), axis=-1)
         return frames.reshape(len(steps), self.size)
 
-    def mirror(self) -> tuple[NDArray[np.int64], Float32]:
-        """Left-right mirror of a window: permutation and sign, (size,) each; all that is seen keeps its sign."""
-        frame = [*MIRROR]
+    def mirror(self) -> Mirror:
+        """Mirror of a window (size,); all that is seen keeps its sign."""
+        frame = [*MIRROR.permutation]
         frame += [len(frame)] * self.trunk
-        frame += [len(frame) + column for column in MIRROR] * self.velocities
-        permutation = (np.arange(self.window)[:, None] * self.columns + np.array(frame)).ravel()
-        return permutation.astype(np.int64), np.ones(self.size, dtype=np.float32)
+        frame += [len(frame) + column for column in MIRROR.permutation] * self.velocities
+        return unsigned((np.arange(self.window)[:, None] * self.columns + np.array(frame)).ravel())
 
 
 class FrameWindows:
@@ -135,6 +135,5 @@ def reference_windows(
         steps = np.concatenate((steps, np.broadcast_to(lean, (len(starts), span, 1))), axis=-1)
     flat = layout.judged(steps.astype(np.float32))
     if mirror:
-        permutation, sign = layout.mirror()
-        flat = np.stack((flat, flat[:, permutation] * sign), axis=1).reshape(2 * len(starts), -1)
+        flat = np.stack((flat, layout.mirror().image(flat)), axis=1).reshape(2 * len(starts), -1)
     return flat

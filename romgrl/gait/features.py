@@ -15,19 +15,16 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from romgrl.gait.symmetry import unsigned
+
 ALIGNMENTS = ("aligned", "raw")  # with one time shift of all channels, and with none
 ALL = "all"  # channels together
 CHANNELS = ("pelvis_y", "left_foot_x", "left_foot_z", "right_foot_x", "right_foot_z")
-MIRROR = (0, 3, 4, 1, 2)
+MIRROR = unsigned((0, 3, 4, 1, 2))
 BODY_Y, LEFT_X, LEFT_Z, RIGHT_X, RIGHT_Z = range(5)
 
 Floats = NDArray[np.floating]
 Bools = NDArray[np.bool_]
-
-
-def mirrored(features: Floats) -> Floats:
-    """Swap left and right. Shape in and out: (..., 5)."""
-    return features[..., list(MIRROR)]
 
 
 def until_first_fall(upright: Bools) -> Bools:

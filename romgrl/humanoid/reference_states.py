@@ -41,7 +41,7 @@ def reference_bank(
     qvel[:, 3:] = np.clip(qvel[:, 3:], -FASTEST, FASTEST)
     lift_out_of_floor(model, qpos)
     mirror = mirror_joints()
-    return ResetBank(np.concatenate([qpos, qpos[:, mirror]]), np.concatenate([qvel, qvel[:, mirror]]))
+    return ResetBank(np.concatenate([qpos, mirror.image(qpos)]), np.concatenate([qvel, mirror.image(qvel)]))
 
 
 def follow(model: mujoco.MjModel, features: Array) -> Array:

@@ -11,7 +11,8 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
+
+from romgrl.gait.symmetry import Mirror, by_name
 
 BASE_QUATERNION: Final = (0.5, 0.5, 0.5, 0.5)
 
@@ -51,27 +52,23 @@ def other_side(name: str) -> str:
     return {"L_": "R_", "R_": "L_"}.get(name[:2], name[:2]) + name[2:]
 
 
-def _permutation(names: tuple[str, ...]) -> NDArray[np.int64]:
-    return np.array([names.index(other_side(name)) for name in names], dtype=np.int64)
+def mirror_action() -> Mirror:
+    """Mirror of the actions (21,); pitch angles keep their sign."""
+    return by_name(HINGES, other_side)
 
 
-def mirror_action() -> tuple[NDArray[np.int64], NDArray[np.float32]]:
-    """Permutation (21,) and sign (21,) that swap left and right; pitch angles keep their sign."""
-    return _permutation(HINGES), np.ones(len(HINGES), dtype=np.float32)
+def mirror_joints() -> Mirror:
+    """Mirror of the planar qpos and qvel (24,)."""
+    return by_name((*ROOT_JOINTS, *HINGES), other_side)
 
 
-def mirror_joints() -> NDArray[np.int64]:
-    """Permutation (24,) of the planar qpos and qvel that swaps left and right."""
-    return np.concatenate([np.arange(3), 3 + _permutation(HINGES)])
-
-
-def mirror_observation() -> tuple[NDArray[np.int64], NDArray[np.float32]]:
-    """Permutation (358,) and sign (358,) of the observation's mirror image in the sagittal plane.
+def mirror_observation() -> Mirror:
+    """Mirror of the observation (358,) in the sagittal plane.
 
     With M = diag(1, -1, 1) in the world and S = diag(-1, 1, 1) in the body frames, whose x is lateral, the mirrored
     rotation is M R S: the x column becomes -M R e_x, the z column M R e_z. Angular velocity is a pseudovector.
     """
-    bodies = _permutation(BODIES)
+    bodies = by_name(BODIES, other_side).permutation
     vector, pseudo = np.array([1.0, -1.0, 1.0]), np.array([-1.0, 1.0, -1.0])
     blocks = (  # first column, width per body, first body, sign
         (1, 3, 1, vector),
@@ -84,4 +81,4 @@ def mirror_observation() -> tuple[NDArray[np.int64], NDArray[np.float32]]:
         order = bodies[first:] - first
         permutation.append((start + order[:, None] * width + np.arange(width)).ravel())
         sign.append(np.tile(signs, len(order)))
-    return np.concatenate(permutation), np.concatenate(sign).astype(np.float32)
+    return Mirror(np.concatenate(permutation), np.concatenate(sign).astype(np.float32))

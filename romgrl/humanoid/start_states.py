@@ -73,4 +73,4 @@ def build_bank(model: mujoco.MjModel, size: int = BANK_SIZE) -> ResetBank:
     qvel = np.zeros((half, model.nv))
     qvel[:, 3:] = generator.normal(0.0, RATE_NOISE, (half, model.nv - 3))
     mirror = mirror_joints()
-    return ResetBank(np.concatenate([qpos, qpos[:, mirror]]), np.concatenate([qvel, qvel[:, mirror]]))
+    return ResetBank(np.concatenate([qpos, mirror.image(qpos)]), np.concatenate([qvel, mirror.image(qvel)]))

@@ -40,7 +40,7 @@ class PlanarHumanoidVectorEnv(VectorEnv[Float32, Float32, Any]):
         model: planar model of `romgrl.humanoid.model.build`; None: the project's own humanoid.
         num_envs: humanoids stepped together.
         num_threads: threads of the physics; the results do not depend on it.
-        compact: observations have only the columns that vary in the plane, `compact_columns` of the 358.
+        compact: observations have only the columns that vary in the plane, `columns` of the 358.
         render_mode: None or "rgb_array".
         settings: the task, see `romgrl.humanoid.task.SpeedSettings`.
     """
@@ -65,8 +65,9 @@ class PlanarHumanoidVectorEnv(VectorEnv[Float32, Float32, Any]):
         self.substeps, self.control_step = self.task.substeps, self.task.control_step
         self.num_envs, self.render_mode = num_envs, render_mode
         self.compact_columns = varying_columns(self.model)
-        self.mirror_observation, self.mirror_action = mirror_observation(), mirror_action()
         self._observer = PlanarObserver(self.model, self.compact_columns if compact else None)
+        self.columns = self._observer.columns.astype(np.int64)
+        self.mirror_observation, self.mirror_action = mirror_observation().kept(self.columns), mirror_action()
         self.single_observation_space = gym.spaces.Box(-np.inf, np.inf, self._observer.columns.shape, np.float32)
         self.single_action_space = gym.spaces.Box(-1.0, 1.0, (len(HINGES),), np.float32)
         self.observation_space = gym.vector.utils.batch_space(self.single_observation_space, num_envs)

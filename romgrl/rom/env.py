@@ -46,6 +46,7 @@ class SpringLegEnv(gymnasium.Env[Array, Array]):
         self.metadata = {**_METADATA, "render_fps": round(control_frequency)}
         self.observation_space = self._worlds.single_observation_space
         self.action_space = self._worlds.single_action_space
+        self.observation_names = self._worlds.observation_names
         self.mirror_observation = self._worlds.mirror_observation
         self.mirror_action = self._worlds.mirror_action
         self.parameters = self._worlds.parameters

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
-
-Mirror = tuple[NDArray[np.int64], NDArray[np.float32]]
+from romgrl.gait.symmetry import Mirror, by_name, left_or_right
 
 # Lengths are in leg lengths L0, speeds in sqrt(g L0), rates in sqrt(g / L0), loads in body weights, angles in rad;
 # pitch and hip angle are positive forward.
@@ -34,15 +31,10 @@ OBSERVATION_NAMES: tuple[str, ...] = (
 PAPER_COLUMNS: tuple[int, ...] = (0, 1, 2, 3, 6, 7, 8, 9, 10, 11, 12, 13, 18)
 
 
-def _swap(names: tuple[str, ...]) -> Mirror:
-    """Permutation that exchanges left and right, and the signs: mirrored = x[..., permutation] * sign."""
-    exchanged = {"left": "right", "right": "left"}
-    images = ["_".join([exchanged.get(name.split("_")[0], name.split("_")[0]), *name.split("_")[1:]]) for name in names]
-    permutation = np.array([names.index(image) for image in images], dtype=np.int64)
-    sign = np.array([-1.0 if name == "last_touchdown_side" else 1.0 for name in names], dtype=np.float32)
-    return permutation, sign
+def mirror(names: tuple[str, ...]) -> Mirror:
+    """Mirror image of columns of these names: left and right exchanged; a side that is told as a number is negated."""
+    return by_name(names, left_or_right, negated=("last_touchdown_side",))
 
 
-MIRROR_OBSERVATION: Mirror = _swap(OBSERVATION_NAMES)
-MIRROR_PAPER_OBSERVATION: Mirror = _swap(tuple(OBSERVATION_NAMES[column] for column in PAPER_COLUMNS))
-MIRROR_ACTION: Mirror = _swap(("left_hip", "right_hip"))
+PAPER_OBSERVATION_NAMES = tuple(OBSERVATION_NAMES[column] for column in PAPER_COLUMNS)
+ACTION_NAMES = ("left_hip", "right_hip")

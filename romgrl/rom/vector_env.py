@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from romgrl.rom import _core
 from romgrl.rom.drawing import draw
-from romgrl.rom.observation import MIRROR_ACTION, MIRROR_OBSERVATION, MIRROR_PAPER_OBSERVATION, Mirror
+from romgrl.rom.observation import ACTION_NAMES, OBSERVATION_NAMES, PAPER_OBSERVATION_NAMES, mirror
 from romgrl.rom.parameters import Reward, SpringLegParameters, core_parameters
 
 Array = NDArray[Any]
@@ -78,8 +78,8 @@ class SpringLegVectorEnv(VectorEnv[Array, Array, Array]):
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         paper = self.parameters.observation == "paper"
-        self.mirror_observation: Mirror = MIRROR_PAPER_OBSERVATION if paper else MIRROR_OBSERVATION
-        self.mirror_action: Mirror = MIRROR_ACTION
+        self.observation_names = PAPER_OBSERVATION_NAMES if paper else OBSERVATION_NAMES
+        self.mirror_observation, self.mirror_action = mirror(self.observation_names), mirror(ACTION_NAMES)
         self._allocate(num_envs, size)
 
     def _allocate(self, n: int, size: int) -> None:

@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-import numpy as np
 import torch
 from torch import Tensor
 
@@ -18,7 +17,6 @@ from romgrl.artifacts.checkpoint import State
 from romgrl.config.schema import Config
 from romgrl.gait.discriminator_windows import FrameWindows, WindowLayout
 from romgrl.humanoid.model import identity
-from romgrl.humanoid.observation import OBSERVATION_SIZE
 from romgrl.humanoid.reference_states import reference_bank
 from romgrl.humanoid.skeleton import HINGES
 from romgrl.humanoid.start_states import BANK_SIZE
@@ -67,13 +65,13 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
     torch.set_num_threads(each)
     compact = config.student.compact_observation
     env = humanoid_env(replace(config, threads=each), num_envs=config.student.num_envs, compact=compact)
-    columns = torch.from_numpy(env.compact_columns if compact else np.arange(OBSERVATION_SIZE))
+    columns = torch.from_numpy(env.columns)
     windows = FrameWindows(num_envs=env.num_envs, layout=window_layout(config))
     humanoid = identity(env.model)
     if "reference" in inputs and config.student.reference_resets > 0:
         start_from_reference(config, env, inputs["reference"])
     with second_lane(beside) as lane:
-        learner = build_learner(config, env, columns, windows.layout, inputs.get("reference"), lane)
+        learner = build_learner(config, env, windows.layout, inputs.get("reference"), lane)
 
         candidates = Candidates(config.student.total_steps, config.student.candidates)
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from romgrl.algorithms.networks.mlp import initialise_orthogonal, mirror, mlp
+from romgrl.algorithms.networks.mlp import initialise_orthogonal, mlp
 from romgrl.algorithms.ppo import (
     PPO,
     Minibatch,
@@ -20,6 +20,7 @@ from romgrl.algorithms.ppo import (
 )
 from romgrl.algorithms.rollout_buffer import Rollout, compute_gae
 from romgrl.algorithms.second_thread import second_lane
+from romgrl.gait.symmetry import Mirror, unsigned
 
 NEVER = torch.zeros(3, 1, dtype=torch.bool)
 
@@ -154,15 +155,9 @@ def test_act_returns_the_density_of_its_own_action() -> None:
     torch.testing.assert_close(log_probability, log_density(ppo, observation, action))
 
 
-def test_mirror_swaps_and_negates() -> None:
-    pair = (torch.tensor([0, 2, 1]), torch.tensor([1.0, 1.0, -1.0]))
-    values = torch.tensor([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]])
-    torch.testing.assert_close(mirror(values, *pair), torch.tensor([[1.0, 3.0, -2.0], [4.0, 6.0, -5.0]]))
-
-
 def test_half_of_each_minibatch_is_mirrored(monkeypatch: pytest.MonkeyPatch) -> None:
-    pair = np.array([1, 0, 2]), np.array([1.0, 1.0, -1.0], np.float32)
-    ppo = make_ppo(epochs=1, minibatch_size=32, mirror_observation=pair, mirror_action=(pair[0][:2], pair[1][:2]))
+    pair = Mirror(np.array([1, 0, 2]), np.array([1.0, 1.0, -1.0], np.float32))
+    ppo = make_ppo(epochs=1, minibatch_size=32, mirror_observation=pair, mirror_action=pair.kept(np.arange(2)))
     rollout = filled_rollout()
     seen: list[torch.Tensor] = []
     value_gradient = ppo.value_gradient
@@ -182,12 +177,12 @@ def test_half_of_each_minibatch_is_mirrored(monkeypatch: pytest.MonkeyPatch) -> 
 
 def test_mirroring_needs_both_pairs() -> None:
     with pytest.raises(ValueError, match="together"):
-        make_ppo(mirror_observation=(np.arange(3), np.ones(3, np.float32)))
+        make_ppo(mirror_observation=unsigned(np.arange(3)))
 
 
 def test_update_leaves_the_rollout_alone_and_is_finite() -> None:
-    pair = np.array([1, 0, 2]), np.ones(3, np.float32)
-    ppo = make_ppo(mirror_observation=pair, mirror_action=(pair[0][:2], pair[1][:2]))
+    pair = unsigned([1, 0, 2])
+    ppo = make_ppo(mirror_observation=pair, mirror_action=pair.kept(np.arange(2)))
     rollout = filled_rollout()
     before = rollout.observations.clone(), rollout.actions.clone()
     losses = ppo.update(rollout)
@@ -198,8 +193,8 @@ def test_update_leaves_the_rollout_alone_and_is_finite() -> None:
 
 
 def test_mirrored_samples_keep_the_rest_of_their_row() -> None:
-    pair = np.array([1, 0, 2]), np.array([1.0, 1.0, -1.0], np.float32)
-    ppo = make_ppo(minibatch_size=8, mirror_observation=pair, mirror_action=(pair[0][:2], pair[1][:2]))
+    pair = Mirror(np.array([1, 0, 2]), np.array([1.0, 1.0, -1.0], np.float32))
+    ppo = make_ppo(minibatch_size=8, mirror_observation=pair, mirror_action=pair.kept(np.arange(2)))
     rollout = filled_rollout()
     sign = torch.tensor([1.0, 1.0, -1.0])
     samples = ppo._samples(rollout, rollout.rewards, rollout.log_probabilities)
@@ -219,8 +214,8 @@ def test_mirrored_samples_keep_the_rest_of_their_row() -> None:
 @pytest.mark.parametrize("hidden_sizes", [[16, 12, 8], []])
 def test_gradients_are_those_of_automatic_differentiation(activation: str, hidden_sizes: list[int]) -> None:
     """In float64, with ratios on both sides of the clip, an entropy bonus, and half of the minibatch mirrored."""
-    pair = np.array([1, 0, 2]), np.array([1.0, 1.0, -1.0], np.float32)
-    mirrors = {"mirror_observation": pair, "mirror_action": (pair[0][:2], pair[1][:2])}
+    pair = Mirror(np.array([1, 0, 2]), np.array([1.0, 1.0, -1.0], np.float32))
+    mirrors = {"mirror_observation": pair, "mirror_action": pair.kept(np.arange(2))}
     settings: dict[str, Any] = {"activation": activation, "hidden_sizes": hidden_sizes, "entropy_coefficient": 0.03}
     torch.set_default_dtype(torch.float64)
     try:

@@ -10,6 +10,7 @@ from torch import Tensor
 
 from romgrl.algorithms.replay_buffer import ReplayBuffer
 from romgrl.gait.discriminator_windows import FrameWindows, WindowLayout, reference_windows
+from romgrl.gait.symmetry import Mirror
 
 
 def fill(buffer: ReplayBuffer, steps: int, truncated_every: int = 0) -> None:
@@ -58,7 +59,7 @@ def test_recent_frames() -> None:
 
 
 def test_every_second_transition_is_mirrored() -> None:
-    mirror = (torch.tensor([0, 1]), torch.tensor([-1.0, 1.0]))
+    mirror = Mirror(np.array([0, 1]), np.array([-1.0, 1.0], np.float32))
     buffer = make(64, mirror_observation=mirror)
     fill(buffer, 12)
     batch = buffer.sample(60)

@@ -5,7 +5,7 @@ import pytest
 from numpy.typing import NDArray
 
 from romgrl.gait.discriminator_windows import FrameWindows, WindowLayout, reference_windows
-from romgrl.gait.features import mirrored
+from romgrl.gait.features import MIRROR
 
 DT = 1 / 30
 FEATURES = ("paper", "trunk", "velocities", "trunk_velocities")
@@ -55,11 +55,11 @@ def test_velocities_of_a_known_motion() -> None:
 @pytest.mark.parametrize(("window", "stride"), [(1, 1), (2, 1), (4, 3)])
 def test_mirror_of_a_window_is_the_window_of_the_mirror(features: str, window: int, stride: int) -> None:
     layout = WindowLayout(features, window, stride, DT)
-    steps, (permutation, sign) = recorded(layout, 5), layout.mirror()
-    swapped = np.concatenate((mirrored(steps[..., :5]), steps[..., 5:]), axis=-1)
+    steps, mirror = recorded(layout, 5), layout.mirror()
+    swapped = np.concatenate((MIRROR.image(steps[..., :5]), steps[..., 5:]), axis=-1)
     judged = layout.judged(steps)
-    np.testing.assert_array_equal(judged[:, permutation] * sign, layout.judged(swapped))
-    np.testing.assert_array_equal((judged[:, permutation] * sign)[:, permutation] * sign, judged)
+    np.testing.assert_array_equal(mirror.image(judged), layout.judged(swapped))
+    np.testing.assert_array_equal(mirror.image(mirror.image(judged)), judged)
 
 
 @pytest.mark.parametrize("features", FEATURES)

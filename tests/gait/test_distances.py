@@ -11,7 +11,7 @@ from scipy.stats import kstest
 from romgrl.gait import mmd
 from romgrl.gait.distances import ALL, measure_distances, wasserstein
 from romgrl.gait.dtw import warped_distance
-from romgrl.gait.features import CHANNELS, Floats, Gait, mirrored
+from romgrl.gait.features import CHANNELS, MIRROR, Floats, Gait
 from tests.gait.synthetic import DT, run
 
 
@@ -188,7 +188,7 @@ def test_another_teacher_episode_cannot_be_told_from_the_teacher() -> None:
 
 def test_left_and_right_may_be_exchanged_for_all() -> None:
     def mirror(walker: Gait) -> Gait:
-        return Gait(mirrored(walker.features), walker.valid, walker.fallen, walker.dt)
+        return Gait(MIRROR.image(walker.features), walker.valid, walker.fallen, walker.dt)
 
     walkers = {
         "reference": gait(run(episodes=4, steps=250, frequency=1.75, noise=0.005)[0]),

@@ -226,5 +226,5 @@ def test_the_users_own_humanoid() -> None:
 
 
 def test_mirror_of_joints_is_its_own_inverse() -> None:
-    permutation = mirror_joints()
+    permutation = mirror_joints().permutation
     assert permutation[permutation].tolist() == list(range(24))

@@ -12,7 +12,7 @@ import pytest
 from romgrl.humanoid.model import build, dimensions
 from romgrl.humanoid.observation import OBSERVATION_SIZE, observe, varying_columns
 from romgrl.humanoid.planar_observer import FASTEST, GAIT_FEATURES, TRUNK_LEAN, PlanarObserver
-from romgrl.humanoid.skeleton import BODIES, mirror_action, mirror_joints, mirror_observation
+from romgrl.humanoid.skeleton import BODIES, mirror_joints
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 from tests.humanoid.files import humenv_cases, humenv_xml
 
@@ -165,9 +165,13 @@ def test_vectorised_equals_observe() -> None:
 
 def test_compact_observations_are_columns_of_the_full_ones() -> None:
     full, compact = (PlanarHumanoidVectorEnv(num_envs=8, episode_steps=6, compact=compact) for compact in (False, True))
-    columns = full.compact_columns
+    columns = compact.columns
+    assert np.array_equal(full.columns, np.arange(358))
     assert compact.single_observation_space.shape == (len(columns),)
-    assert np.array_equal(full.reset(seed=0)[0][:, columns], compact.reset(seed=0)[0])
+    seen = full.reset(seed=0)[0]
+    assert np.array_equal(seen[:, columns], compact.reset(seed=0)[0])
+    image = compact.mirror_observation.image(seen[:, columns])
+    assert np.array_equal(image, full.mirror_observation.image(seen)[:, columns])
     generator = np.random.default_rng(0)
     for _ in range(12):
         action = generator.uniform(-1, 1, (8, 21)).astype(np.float32)
@@ -194,22 +198,21 @@ def test_compact_columns() -> None:
 def test_mirror_of_state_observation_and_step() -> None:
     env = PlanarHumanoidVectorEnv(num_envs=64, fall_pelvis_height=0, fall_head_height=0, fall_trunk_lean=9)
     env.reset(seed=1)
-    joints, (columns, sign), (actions, action_sign) = mirror_joints(), mirror_observation(), mirror_action()
+    joints = mirror_joints()
     states = env.states()
-    mirrored = np.concatenate([states[:, :24][:, joints], states[:, 24:][:, joints]], axis=1)
+    mirrored = np.concatenate([joints.image(states[:, :24]), joints.image(states[:, 24:])], axis=1)
     action = np.random.default_rng(0).uniform(-1, 1, (64, 21)).astype(np.float32)
     first = env.set_states(states)
-    assert np.abs(first[:, columns] * sign - env.set_states(mirrored)).max() < 1e-6
+    assert np.abs(env.mirror_observation.image(first) - env.set_states(mirrored)).max() < 1e-6
     env.set_states(states)
     env.step(action)
     after = env.states()
     env.set_states(mirrored)
-    env.step(action[:, actions] * action_sign)
+    env.step(env.mirror_action.image(action))
     other = env.states()
-    assert np.abs(after[:, :24][:, joints] - other[:, :24]).max() < 1e-6
-    assert np.abs(after[:, 24:][:, joints] - other[:, 24:]).max() < 1e-6
-    assert columns[columns].tolist() == list(range(OBSERVATION_SIZE))
-    assert np.array_equal(sign * sign[columns], np.ones(OBSERVATION_SIZE))
+    assert np.abs(joints.image(after[:, :24]) - other[:, :24]).max() < 1e-6
+    assert np.abs(joints.image(after[:, 24:]) - other[:, 24:]).max() < 1e-6
+    assert np.array_equal(env.mirror_observation.image(env.mirror_observation.image(first)), first)
 
 
 def test_users_own_humanoid_varies_in_the_plane() -> None:

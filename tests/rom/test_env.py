@@ -10,7 +10,7 @@ from gymnasium.vector import AutoresetMode
 
 from romgrl.rom import _core
 from romgrl.rom.env import SpringLegEnv
-from romgrl.rom.observation import MIRROR_ACTION, MIRROR_OBSERVATION, MIRROR_PAPER_OBSERVATION, OBSERVATION_NAMES
+from romgrl.rom.observation import ACTION_NAMES, OBSERVATION_NAMES, PAPER_OBSERVATION_NAMES, mirror
 from romgrl.rom.parameters import SpringLegParameters
 from romgrl.rom.vector_env import SpringLegVectorEnv
 
@@ -140,13 +140,13 @@ def test_paper_observation_is_a_part_of_the_full_one() -> None:
 
 
 def test_mirror_permutations() -> None:
-    for permutation, sign in (MIRROR_OBSERVATION, MIRROR_PAPER_OBSERVATION, MIRROR_ACTION):
+    for permutation, sign in map(mirror, (OBSERVATION_NAMES, PAPER_OBSERVATION_NAMES, ACTION_NAMES)):
         np.testing.assert_array_equal(permutation[permutation], np.arange(len(permutation)))
         np.testing.assert_array_equal(sign * sign[permutation], 1.0)
-    np.testing.assert_array_equal(MIRROR_ACTION[0], [1, 0])
-    names = [OBSERVATION_NAMES[column] for column in MIRROR_OBSERVATION[0]]
+    np.testing.assert_array_equal(mirror(ACTION_NAMES).permutation, [1, 0])
+    names = [OBSERVATION_NAMES[column] for column in mirror(OBSERVATION_NAMES).permutation]
     assert names[6:8] == ["right_leg_strain", "left_leg_strain"]
-    assert MIRROR_OBSERVATION[1].tolist() == [1.0] * 19 + [-1.0]
+    assert mirror(OBSERVATION_NAMES).sign.tolist() == [1.0] * 19 + [-1.0]
 
 
 def test_large_actions_are_clipped() -> None:

@@ -61,8 +61,7 @@ def test_student(meta_config: Config, tmp_path: Path) -> None:
     reference = {"features": features, "episode": np.zeros(100, np.int32), "dt": 1 / 30, "speed": 4.0}
     save_arrays(tmp_path / "reference.npz", reference)
     env = humanoid_env(meta_config, num_envs=2)
-    observed = torch.arange(env.single_observation_space.shape[0])
-    learner = build_learner(meta_config, env, observed, student.window_layout(meta_config), tmp_path)
+    learner = build_learner(meta_config, env, student.window_layout(meta_config), tmp_path)
     found = dict(tensors(learner))
     assert len(found) > 20
     assert {name for name, tensor in found.items() if tensor.device.type != "meta"} == set()

@@ -18,7 +18,6 @@ from romgrl.config.schema import Config
 from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import student
 from romgrl.stages.training.student_statistics import EpisodeTally
-from romgrl.stages.wiring.student_learner import compact_mirror
 from tests.conftest import Composer
 
 SMALL = (
@@ -110,15 +109,6 @@ def test_an_interrupted_training_leaves_its_policy(
     with pytest.raises(KeyboardInterrupt):
         student.run(configuration("student.total_steps=9000", "discriminator=none", "eta=1"), {}, tmp_path, SilentLog())
     load_policy(tmp_path / "policy.safetensors")
-
-
-def test_compact_mirror_maps_kept_columns_among_themselves() -> None:
-    permutation, sign = np.array([0, 3, 4, 1, 2]), np.array([1, -1, 1, -1, 1], dtype=np.float32)
-    kept, signs = compact_mirror((permutation, sign), torch.tensor([1, 3, 0]))
-    assert kept.tolist() == [1, 0, 2]
-    assert signs.tolist() == [-1, -1, 1]
-    with pytest.raises(ValueError, match="mirror image"):
-        compact_mirror((permutation, sign), torch.tensor([1, 0]))
 
 
 def test_running_normalizer_equals_the_moments_of_all_it_saw() -> None:

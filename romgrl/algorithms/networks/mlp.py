@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-import torch
 from torch import nn
 
 ACTIVATIONS: dict[str, type[nn.Module]] = {
@@ -44,8 +43,3 @@ def initialise_orthogonal(network: nn.Sequential, output_gain: float, hidden_gai
         gain = output_gain if layer is linear_layers[-1] else hidden_gain
         nn.init.orthogonal_(layer.weight, gain)
         nn.init.zeros_(layer.bias)
-
-
-def mirror(values: torch.Tensor, permutation: torch.Tensor, sign: torch.Tensor) -> torch.Tensor:
-    """Left-right mirror image of (N, K) `values`: column i is sign[i] * values[:, permutation[i]]."""
-    return values[..., permutation] * sign

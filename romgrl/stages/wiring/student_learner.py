@@ -5,14 +5,11 @@ from __future__ import annotations
 from concurrent.futures import Executor
 from pathlib import Path
 
-import numpy as np
 import torch
-from numpy.typing import NDArray
-from torch import Tensor
 
 from romgrl.algorithms.discriminator import Discriminator
 from romgrl.algorithms.networks.running_normalizer import RunningNormalizer
-from romgrl.algorithms.replay_buffer import Mirror, ReplayBuffer
+from romgrl.algorithms.replay_buffer import ReplayBuffer
 from romgrl.algorithms.rom_grl import RomGrl
 from romgrl.algorithms.sac import SAC
 from romgrl.config.schema import Config
@@ -21,36 +18,30 @@ from romgrl.humanoid.skeleton import HINGES
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 from romgrl.stages.wiring.artifact_arrays import read_reference
 
-ArrayMirror = tuple[NDArray[np.int64], NDArray[np.float32]]
-
 
 def build_learner(
     config: Config,
     env: PlanarHumanoidVectorEnv,
-    columns: Tensor,
     layout: WindowLayout,
     reference: Path | None,
     lane: Executor | None = None,
 ) -> RomGrl:
     """Wire agent, discriminator and replay buffer from the configuration; `lane` is a second thread for the agent."""
     student, judge = config.student, config.discriminator
-    mirrors: dict[str, Mirror | None] = {"observation": None, "action": None, "frames": None}
-    if student.mirror:
-        mirrors["observation"] = on_device(compact_mirror(env.mirror_observation, columns), config.device)
-        mirrors["action"] = on_device(env.mirror_action, config.device)
-        mirrors["frames"] = on_device(layout.mirror(), config.device)
     buffer = ReplayBuffer(
         capacity=student.buffer_size,
         num_envs=env.num_envs,
-        observation_size=len(columns),
+        observation_size=len(env.columns),
         action_size=len(HINGES),
         frame_size=layout.size,
         seed=config.seed,
         device=config.device,
-        **{f"mirror_{name}": mirror for name, mirror in mirrors.items()},
+        mirror_observation=env.mirror_observation if student.mirror else None,
+        mirror_action=env.mirror_action if student.mirror else None,
+        mirror_frames=layout.mirror() if student.mirror else None,
     )
     sac = SAC(
-        observation_size=len(columns),
+        observation_size=len(env.columns),
         action_size=len(HINGES),
         hidden_sizes=list(student.hidden_sizes),
         layer_norm=student.layer_norm,
@@ -73,7 +64,7 @@ def build_learner(
         sac=sac,
         discriminator=build_discriminator(config, layout, reference),
         buffer=buffer,
-        normalizer=RunningNormalizer(len(columns), enabled=student.normalize_observation, device=config.device),
+        normalizer=RunningNormalizer(len(env.columns), enabled=student.normalize_observation, device=config.device),
         eta=config.eta,
         batch_size=student.batch_size,
         discriminator_interval=judge.update_interval,
@@ -114,19 +105,3 @@ def build_discriminator(config: Config, layout: WindowLayout, reference: Path | 
         seed=config.seed,
         device=config.device,
     )
-
-
-def compact_mirror(mirror: ArrayMirror, columns: Tensor) -> ArrayMirror:
-    """Mirror of the kept columns only; they mirror among themselves, or ValueError."""
-    permutation, sign = mirror
-    place = {int(column): i for i, column in enumerate(columns)}
-    try:
-        kept = [place[int(permutation[column])] for column in place]
-    except KeyError as missing:
-        raise ValueError(f"observation column {missing} is dropped, but its mirror image is kept") from missing
-    return np.array(kept), sign[columns.numpy()]
-
-
-def on_device(mirror: ArrayMirror, device: str) -> Mirror:
-    """A mirror as tensors."""
-    return torch.from_numpy(mirror[0]).to(device), torch.from_numpy(mirror[1]).to(device)
