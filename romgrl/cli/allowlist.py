@@ -11,6 +11,7 @@ import os
 import re
 import traceback
 from collections.abc import Collection, Iterator, Sequence
+from dataclasses import fields
 from typing import Any
 
 from hydra.core.override_parser.overrides_parser import OverridesParser
@@ -18,7 +19,7 @@ from hydra.core.override_parser.types import Override, OverrideType
 from hydra.core.utils import setup_globals
 from hydra.errors import HydraException
 from hydra.types import RunMode
-from omegaconf import DictConfig, ListConfig, OmegaConf
+from omegaconf import DictConfig, ListConfig, OmegaConf, open_dict
 from omegaconf.errors import InterpolationToMissingValueError, MissingMandatoryValue, OmegaConfBaseException
 
 from romgrl.cli.hydra_internals import (
@@ -31,7 +32,8 @@ from romgrl.cli.hydra_internals import (
 )
 from romgrl.cli.typed_text import quote_stored_sweep, quoted, use_text_source
 from romgrl.cli.whole_paths import make_whole
-from romgrl.config.values import one_line
+from romgrl.config.schema import Config
+from romgrl.config.values import KIND, foreign_keys, one_line
 
 TARGETS = (
     "romgrl.sweeps.callback.SweepCallback",
@@ -90,6 +92,7 @@ class GuardedLoader(ConfigLoaderImpl):
             config = self._composed_anew(config_name, typed, run_mode, *arguments, **keywords)
             require_allowed(config)
         name_choices(config)
+        settle_kinds(config)
         quote_stored_sweep(config)
         make_whole(config)
         return config
@@ -151,6 +154,20 @@ class GuardedLoader(ConfigLoaderImpl):
             if "://" in str(path) and not str(path).startswith("file://"):
                 raise HydraException(f"hydra.searchpath: {path} is not allowed; allowed: file://DIRECTORY")
         super()._process_config_searchpath(config_name, parsed_overrides, repo)
+
+
+def settle_kinds(config: DictConfig) -> None:
+    """Say which kind a group is that does not say it, the first, and leave out the keys of the others."""
+    for group in fields(Config):
+        kinds, place = group.metadata.get("kinds", {}), config.get(group.name)
+        if kinds and isinstance(place, DictConfig) and OmegaConf.is_missing(place, KIND):
+            place[KIND] = next(iter(kinds))
+    for key in foreign_keys(lambda key: OmegaConf.select(config, key, default=None)):
+        group_name, _, name = key.partition(".")
+        place = config.get(group_name)
+        if isinstance(place, DictConfig) and OmegaConf.is_missing(place, name):
+            with open_dict(place):
+                del place[name]
 
 
 def name_choices(config: DictConfig) -> None:

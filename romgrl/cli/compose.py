@@ -22,10 +22,12 @@ from romgrl.cli.hydra_settings import hydra_faults
 from romgrl.config.fields import MISSING
 from romgrl.config.schema import Config
 from romgrl.config.values import (
+    KIND,
     allowed,
     bad_value,
     convert,
     fits,
+    foreign_keys,
     one_line,
     refusal,
     schema_groups,
@@ -93,11 +95,16 @@ def problems(composed: DictConfig, where: Callable[[str], str] = nowhere) -> lis
 
 def read_composed(composed: DictConfig, where: Callable[[str], str] = nowhere) -> tuple[Config, dict[str, str]]:
     """The configuration, and by key what is wrong with it: values that are bad are missing in the configuration."""
-    keys = schema_keys()
     bad = {name: unknown_key(name, where(name)) for name in added_keys(composed)}
     bad |= broken_groups(composed)
+    foreign = foreign_keys(lambda key: OmegaConf.select(composed, key, default=None))
     values: dict[str, Any] = {}
-    for key, entry in keys.items():
+    for key, entry in schema_keys().items():
+        if key in foreign:
+            if OmegaConf.select(composed, key, default=None) is not None:
+                kind = OmegaConf.select(composed, foreign[key])
+                bad[key] = f"{key}: {foreign[key]}={kind} has no such key{where(key)}"
+            continue
         values[key] = MISSING
         if key.partition(".")[0] in bad:
             bad[key] = ""  # the line of its group says it
@@ -190,7 +197,7 @@ def assemble_config(values: Mapping[str, Any], schema: Any = Config, prefix: str
     parts = {}
     for entry in fields(schema):
         name = prefix + entry.name
-        parts[entry.name] = (
-            values[name] if name in values else assemble_config(values, entry.default_factory, f"{name}.")
-        )
+        kinds = entry.metadata.get("kinds", {})
+        group = kinds.get(values.get(f"{name}.{KIND}"), entry.default_factory)
+        parts[entry.name] = values[name] if name in values else assemble_config(values, group, f"{name}.")
     return schema(**parts)

@@ -12,7 +12,7 @@ from itertools import pairwise
 from romgrl.cli.locations import is_file, outputs_directory, tracking_store
 from romgrl.config.learners import CRITICS
 from romgrl.config.schema import Config
-from romgrl.config.values import bad_value, fits, refusal, schema_keys, show, value_of
+from romgrl.config.values import bad_value, fits, keys_of, refusal, schema_keys, show, value_of
 from romgrl.errors import ArtifactError, ConfigurationError
 
 FEWEST_ROWS = 4  # of the replay buffer, which keeps two of them free
@@ -28,7 +28,7 @@ def validate(config: Config) -> None:
 
 def unfit_keys(config: Config) -> list[str]:
     """The keys whose values do not have their type or lie outside their range."""
-    return [key for key, entry in schema_keys().items() if not fits(value_of(config, key), entry)]
+    return [key for key, entry in keys_of(config).items() if not fits(value_of(config, key), entry)]
 
 
 def misfits(config: Config, bad: Collection[str] = ()) -> Iterator[str]:
@@ -43,14 +43,11 @@ def misfits(config: Config, bad: Collection[str] = ()) -> Iterator[str]:
 
 
 def ranges(config: Config) -> Iterator[str]:
-    """A range has two ends, and the hips reach what they are reset to."""
-    for key in ("rom.reset_hip_angle", "rom.reset_speed", "humanoid.reset_speed"):
+    """A range has two ends."""
+    for key in keys_of(config):
         value = value_of(config, key)
-        if len(value) != 2 or not value[0] <= value[1]:
+        if key in RANGES and (len(value) != 2 or not value[0] <= value[1]):
             yield refusal(key, value, "two numbers, the lower one first")
-    if max(config.rom.reset_hip_angle) > config.rom.hip_angle_limit:
-        permitted = f"at most rom.hip_angle_limit = {config.rom.hip_angle_limit:g} rad"
-        yield refusal("rom.reset_hip_angle", config.rom.reset_hip_angle, permitted)
 
 
 def levels(config: Config) -> Iterator[str]:
@@ -135,29 +132,16 @@ def critic(config: Config) -> Iterator[str]:
         yield refusal("discriminator.gradient_penalty", 0, f"more than 0 with discriminator.loss={judge.loss}")
 
 
-def springs(config: Config) -> Iterator[str]:
-    """The reduced-order model can be integrated: its core says so, which names the parameter that is at fault."""
-    from romgrl.rom import _core
-    from romgrl.rom.parameters import SpringLegParameters, core_parameters
+def reduced_order_model(config: Config) -> Iterator[str]:
+    """The reduced-order model can be: it says which of its parameters is at fault."""
+    from romgrl.rom.registry import MODELS
 
-    own = SpringLegParameters()
-    values = {name: value for name, value in vars(config.rom).items() if name != "name" and value is not None}
-    values |= {"reset_hip_angle": (0.0, 0.0), "reset_speed": own.reset_speed}  # `ranges` checks them
+    model = MODELS[config.rom.model]
+    values = {name: value for name, value in vars(config.rom).items() if name not in OF_ROM and value is not None}
     if config.rom.mass is None and config.humanoid.xml is None:
         values["mass"] = config.humanoid.mass
-    core = core_parameters(
-        SpringLegParameters(**values),
-        speed=1.0,
-        control_frequency=config.humanoid.control_frequency,
-        episode_steps=1,
-        reward="exponential",
-        alpha=1.0,
-    )
-    try:
-        _core.Batch(core, 1, 1)
-    except ValueError as error:
-        name = str(error).partition(" ")[0]
-        yield refusal(f"rom.{name}", values.get(name), f"what can be integrated: {error}")
+    for name, permitted in model.faults(model.parameters(**values), config.humanoid.control_frequency):
+        yield refusal(f"rom.{name}", values.get(name), permitted)
 
 
 def humanoid_file(config: Config) -> Iterator[str]:
@@ -211,14 +195,16 @@ def cuda_available() -> bool:
     return torch.cuda.is_available()
 
 
-RANGES = ("rom.reset_hip_angle", "rom.reset_speed", "humanoid.reset_speed", "rom.hip_angle_limit")
+RANGES = tuple(key for key, entry in schema_keys().items() if entry.metadata["span"])
 LEVELS = ("robustness.push_impulse", "robustness.observation_noise", "robustness.mass", "robustness.friction")
 REPLAY = ("student.buffer_size", "student.num_envs", "student.learning_starts", "student.updates_per_step")
 REFERENCE = ("reference.steps", "reference.episodes")
 JUDGED = ("discriminator.features", "discriminator.window", "discriminator.stride")
 JUDGE = ("discriminator.enabled", *JUDGED, "discriminator.held_out", "student.mirror")
 CRITIC = ("discriminator.enabled", "discriminator.loss", "discriminator.gradient_penalty")
-SPRINGS = ("humanoid.mass", "humanoid.xml", "humanoid.control_frequency")
+OF_HUMANOID = ("humanoid.mass", "humanoid.xml", "humanoid.control_frequency")
+ROM = (*(key for key in schema_keys() if key.startswith("rom.")), *OF_HUMANOID)
+OF_ROM = ("name", "model")  # keys that are no parameters of the model
 UNUSED_BY_SHIPPED = ("student.", "discriminator.", "reference.", "evaluation.", "robustness.", "tracking.", "paths.")
 PRETRAINED = ("student.pretrained", *(key for key in schema_keys() if not key.startswith(UNUSED_BY_SHIPPED)))
 CHECKS: tuple[tuple[tuple[str, ...], Callable[[Config], Iterator[str]]], ...] = (
@@ -235,7 +221,7 @@ CHECKS: tuple[tuple[tuple[str, ...], Callable[[Config], Iterator[str]]], ...] = 
     ((*REFERENCE, "evaluation.window"), scored_window),
     ((*REFERENCE, *JUDGE), judged_windows),
     (CRITIC, critic),
-    ((*(key for key in schema_keys() if key.startswith("rom.")), *SPRINGS), springs),
+    (ROM, reduced_order_model),
     (("humanoid.xml", "humanoid.actuation"), humanoid_file),
     (("paths.outputs",), outputs_directory),
     (("tracking.enabled", "tracking.uri", "tracking.experiment", "paths.outputs"), tracking_store),

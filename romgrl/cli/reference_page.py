@@ -8,7 +8,7 @@ from typing import Any
 
 from romgrl.cli.compose import CONF, compose_config
 from romgrl.config.schema import Config
-from romgrl.config.values import allowed, schema_keys, show, value_of
+from romgrl.config.values import allowed, keys_of, schema_keys, show, value_of
 
 REFERENCE_PAGE = Path(__file__).resolve().parents[2] / "docs" / "configuration.md"
 REFERENCE_HEAD = """# Configuration
@@ -37,13 +37,14 @@ def group_section(group: str, keys: dict[str, Field[Any]], config: Config) -> st
     for name, entry in keys.items():
         if name.rpartition(".")[0] == group:
             meaning = entry.metadata["doc"].replace("|", "\\|")
+            default = show(value_of(config, name)) if name in keys_of(config) else "of another kind"
             unit = entry.metadata["unit"]
             cells = (
                 f"`{name}`",
                 meaning,
                 unit,
                 allowed(entry).replace(f" {unit}", "", 1) if unit else allowed(entry),
-                f"`{show(value_of(config, name)).removeprefix(f'{Path.cwd()}/')}`",
+                f"`{default.removeprefix(f'{Path.cwd()}/')}`",
             )
             lines.append(f"| {' | '.join(cells)} |")
     return "\n".join([*lines, ""])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping
 from dataclasses import field
 from typing import Any
 
@@ -15,8 +16,20 @@ def key(
     low: float | None = None,
     high: float | None = None,
     above: float | None = None,
-    choices: tuple[str, ...] = (),
+    choices: Collection[str] = (),
+    span: bool = False,
 ) -> Any:
-    """Describe one key: low <= value <= high, value > above, or value in choices. The value comes from YAML."""
-    metadata = {"doc": doc, "unit": unit, "low": low, "high": high, "above": above, "choices": choices}
-    return field(default=MISSING, metadata=metadata)
+    """Describe one key: low <= value <= high, value > above, or value in choices. The value comes from YAML.
+
+    `span`: a list of two numbers, the ends of a range.
+    """
+    bounds = {"low": low, "high": high, "above": above}
+    return field(default=MISSING, metadata={"doc": doc, "unit": unit, "choices": choices, "span": span, **bounds})
+
+
+def one_of(kinds: Mapping[str, type]) -> Any:
+    """A group whose keys depend on what its key `model` says; the first kind where it says nothing.
+
+    A key that several kinds have means the same in each.
+    """
+    return field(default_factory=next(iter(kinds.values())), metadata={"kinds": kinds})

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from romgrl.config.fields import key
+from romgrl.config.fields import key, one_of
 from romgrl.config.learners import Discriminator, Student, Teacher
-from romgrl.config.worlds import Humanoid, Rom
+from romgrl.config.worlds import ROMS, Humanoid, Rom
 
 STAGES = ("teacher", "reference", "student", "baseline", "evaluation", "report")
 OPTIONAL_STAGES = ("robustness",)  # made only when asked for by name; no stage reads them
@@ -101,7 +101,7 @@ class Config:
     )
     checkpoint_seconds: float = key("work between two checkpoints of a training", unit="s", above=0, high=1e6)
     experiment: str = key("name of the preset")
-    rom: Rom = field(default_factory=Rom)
+    rom: Rom = one_of(ROMS)
     teacher: Teacher = field(default_factory=Teacher)
     reference: Reference = field(default_factory=Reference)
     humanoid: Humanoid = field(default_factory=Humanoid)

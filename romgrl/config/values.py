@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import sys
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import Field, fields, is_dataclass
 from functools import cache
 from typing import Any, NamedTuple
@@ -25,17 +25,42 @@ class Kind(NamedTuple):
     optional: bool
 
 
+KIND = "model"  # the key that says which keys its group has, where a group is one of several
+
+
 @cache
 def schema_keys(schema: type = Config, prefix: str = "") -> dict[str, Field[Any]]:
-    """Map every dotted key of the schema to its field; groups are walked, not listed."""
+    """Map every dotted key of the schema to its field; groups are walked, not listed, in all their kinds."""
     keys: dict[str, Field[Any]] = {}
     for entry in fields(schema):
         factory = entry.default_factory
         if isinstance(factory, type) and is_dataclass(factory):
-            keys |= schema_keys(factory, f"{prefix}{entry.name}.")
+            for kind in entry.metadata.get("kinds", {"": factory}).values():
+                keys |= schema_keys(kind, f"{prefix}{entry.name}.")
         else:
             keys[prefix + entry.name] = entry
     return keys
+
+
+def keys_of(config: Config) -> dict[str, Field[Any]]:
+    """The keys that a configuration has: those of the chosen kind where a group is one of several."""
+    foreign = foreign_keys(lambda key: value_of(config, key))
+    return {key: entry for key, entry in schema_keys().items() if key not in foreign}
+
+
+def foreign_keys(chosen: Callable[[str], Any]) -> dict[str, str]:
+    """The keys that the chosen kind of a group lacks and others have; with each, the key that chooses.
+
+    chosen: the value of that key; the first kind stands for one that there is not.
+    """
+    found: dict[str, str] = {}
+    for group in fields(Config):
+        kinds, key = group.metadata.get("kinds", {}), f"{group.name}.{KIND}"
+        if len(kinds) > 1:
+            own = schema_keys(kinds.get(chosen(key), group.default_factory), f"{group.name}.")
+            everything = (schema_keys(kind, f"{group.name}.") for kind in kinds.values())
+            found |= {name: key for keys in everything for name in keys if name not in own}
+    return found
 
 
 def schema_groups() -> list[str]:

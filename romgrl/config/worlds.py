@@ -6,12 +6,16 @@ from dataclasses import dataclass
 
 from romgrl.config.fields import key
 
+ROMS: dict[str, type[Rom]] = {}
+"""The keys of each reduced-order model; romgrl.rom.registry has the models."""
+
 
 @dataclass
 class Rom:
-    """Reduced-order model: a trunk on two spring legs (paper section 3.2). None = taken from the humanoid."""
+    """Reduced-order model: what every one has. None = taken from the humanoid."""
 
     name: str = key("what it is called; not given: as its preset")
+    model: str = key("its mechanics; not given: spring_leg", choices=ROMS.keys())
     mass: float | None = key("total mass, feet included; null: the humanoid's", unit="kg", low=0.01, high=1e6)
     leg_length: float | None = key(
         "rest length from hip to foot centre; null: the humanoid's pelvis to ankle", unit="m", low=0.05, high=2
@@ -19,6 +23,12 @@ class Rom:
     foot_radius: float | None = key(
         "radius of the foot circle; null: the humanoid's ankle height", unit="m", low=0.001, high=1
     )
+
+
+@dataclass
+class SpringLeg(Rom):
+    """Reduced-order model: a trunk on two spring legs (paper section 3.2). None = taken from the humanoid."""
+
     foot_mass: float = key("mass of each foot", unit="kg", low=1e-4, high=1e5)
     stiffness: float = key("leg spring", unit="N/m", low=0.001, high=1e9)
     stance_damping: float = key("leg damping while loaded", unit="N s/m", low=0, high=1e7)
@@ -40,9 +50,16 @@ class Rom:
     engine: str = key("box2d: the library; native: the same equations for many worlds", choices=("box2d", "native"))
     velocity_iterations: int = key("velocity iterations of the solver", low=1, high=1000)
     position_iterations: int = key("position iterations of the solver", low=1, high=1000)
-    reset_hip_angle: list[float] = key("range of the anti-phase hip angle at reset", unit="rad", low=0, high=1.57)
-    reset_speed: list[float] = key("range of the forward speed at reset, share of the target speed", low=-10, high=10)
+    reset_hip_angle: list[float] = key(
+        "range of the anti-phase hip angle at reset", unit="rad", low=0, high=1.57, span=True
+    )
+    reset_speed: list[float] = key(
+        "range of the forward speed at reset, share of the target speed", low=-10, high=10, span=True
+    )
     observation: str = key("full: 20 entries; paper: the 13 that the paper lists", choices=("full", "paper"))
+
+
+ROMS["spring_leg"] = SpringLeg
 
 
 @dataclass
@@ -57,7 +74,9 @@ class Humanoid:
     control_frequency: float = key("control steps per second", unit="Hz", low=1, high=10_000)
     substeps: int = key("physics steps per control step", low=1, high=10_000)
     episode_steps: int = key("an episode is truncated after this many control steps", low=2, high=10**9)
-    reset_speed: list[float] = key("range of the forward speed at reset, share of the target speed", low=0, high=10)
+    reset_speed: list[float] = key(
+        "range of the forward speed at reset, share of the target speed", low=0, high=10, span=True
+    )
     fall_pelvis_height: float = key(
         "it falls when the pelvis is below this share of its standing height", low=0, high=1
     )

@@ -8,7 +8,7 @@ from typing import Any
 
 from romgrl.artifacts import Manifest, open_artifact
 from romgrl.config.schema import Config
-from romgrl.config.values import schema_keys, value_of
+from romgrl.config.values import keys_of, value_of
 from romgrl.errors import ArtifactError
 
 PLACE = Path(__file__).resolve().parents[1] / "pretrained"
@@ -47,5 +47,5 @@ def matters(key: str) -> bool:
 def other_settings(stage: str, config: Config) -> Iterator[tuple[str, Any, Any]]:
     """Yield the settings that matter and are not those of the training: key, value and the value in the training."""
     for key, trained in shipped(stage).config.items():
-        if key in schema_keys() and matters(key) and value_of(config, key) != trained:
+        if key in keys_of(config) and matters(key) and value_of(config, key) != trained:
             yield key, value_of(config, key), trained

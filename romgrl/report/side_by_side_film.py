@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from romgrl.report.style import COLORS, WALKER_LABELS
-from romgrl.rom.drawing import draw
-from romgrl.rom.parameters import SpringLegParameters
 
 FILM = "side_by_side.mp4"
 Picture = NDArray[np.uint8]
@@ -26,7 +24,8 @@ class FilmedTeacher:
     """The arrays of reference.npz, and the reduced-order model that made them."""
 
     arrays: Mapping[str, NDArray[Any]]
-    parameters: SpringLegParameters
+    parameters: Any
+    draw: Callable[..., Picture]
 
     def frames(self, size: tuple[int, int], steps: int) -> list[Picture]:
         """Pictures (height, width, 3) of the last `steps` steps of the longest episode."""
@@ -37,7 +36,7 @@ class FilmedTeacher:
         speed = self.arrays.get("velocity", np.full(len(features), self.arrays["speed"]))
         places = np.cumsum(speed[rows]) * float(self.arrays["dt"])
         return [
-            on_ground(draw(features[row], contact[row], float(x), self.parameters), size)
+            on_ground(self.draw(features[row], contact[row], float(x), self.parameters), size)
             for row, x in zip(rows, places, strict=True)
         ]
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from collections.abc import Iterator
+from dataclasses import dataclass, fields, replace
 from typing import Any, Literal, get_args
 
 from romgrl.rom import _core
@@ -94,3 +95,15 @@ def core_parameters(
         except TypeError as error:
             raise ValueError(f"{name} = {value!r} has the wrong type") from error
     return core
+
+
+def unfit_parameters(parameters: SpringLegParameters, control_frequency: float) -> Iterator[tuple[str, str]]:
+    """Yield the name of each parameter that cannot be, and what could: the core says what it can integrate."""
+    if max(parameters.reset_hip_angle) > parameters.hip_angle_limit:
+        yield "reset_hip_angle", f"at most rom.hip_angle_limit = {parameters.hip_angle_limit:g} rad"
+    standing = replace(parameters, reset_hip_angle=(0.0, 0.0), reset_speed=(1.0, 1.0))
+    task: dict[str, Any] = {"speed": 1.0, "episode_steps": 1, "reward": "exponential", "alpha": 1.0}
+    try:
+        _core.Batch(core_parameters(standing, control_frequency=control_frequency, **task), 1, 1)
+    except ValueError as error:
+        yield str(error).partition(" ")[0], f"what can be integrated: {error}"

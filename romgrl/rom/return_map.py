@@ -188,3 +188,7 @@ def _foot(states: Array, side: int) -> NDArray[np.int64]:
     """First column of the left (0) or right (1) foot of each world."""
     slot = states[:, LEFT_SLOT].astype(np.int64)
     return np.asarray(6 + 6 * (slot if side == 0 else 1 - slot))
+
+
+RETURN_MAPS = {"spring_leg": StrideMap}
+"""By `rom.model`; one that is missing here has no Floquet multipliers."""

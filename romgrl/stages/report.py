@@ -19,6 +19,7 @@ from romgrl.humanoid.model import configured
 from romgrl.humanoid.rendering import RenderingError, SideCamera
 from romgrl.report import figures, film, human_band_figure, markdown_report, side_by_side_film, tables
 from romgrl.report.style import save
+from romgrl.rom.registry import MODELS
 from romgrl.runtime.stage_log import StageLog
 from romgrl.stages import report_page
 from romgrl.stages.wiring.artifact_arrays import (
@@ -55,7 +56,7 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
         films = []
         if camera is not None and config.evaluation.video:
             teacher = side_by_side_film.FilmedTeacher(
-                read_reference(inputs["reference"], config), rom_parameters(config)
+                read_reference(inputs["reference"], config), rom_parameters(config), MODELS[config.rom.model].draw
             )
             films = films_or_none(camera, states, teacher, dt, output, log)
     finally:

@@ -20,7 +20,7 @@ from romgrl.humanoid.model import configured
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 from romgrl.report.fall_rate_figure import fall_rates
 from romgrl.report.style import save
-from romgrl.rom.return_map import StrideMap
+from romgrl.rom.return_map import RETURN_MAPS, StrideMap
 from romgrl.runtime.stage_log import StageLog
 from romgrl.stages.rollouts.disturbed import Outcome, Start, disturb, walk_in
 from romgrl.stages.rollouts.orbital_stability import teacher_multipliers, verdict
@@ -53,17 +53,24 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
     save(fall_rates(table, config.speed), output, "fall_rates")
     for line in headlines(table):
         log.message(line)
-    orbit = teacher_multipliers(teacher_strides(config, inputs["teacher"]), config.robustness.orbit_worlds, config.seed)
+    strides = teacher_strides(config, inputs["teacher"])
+    if strides is None:
+        log.message(f"teacher: no multipliers, rom.model={config.rom.model} has no return map")
+        return
+    orbit = teacher_multipliers(strides, config.robustness.orbit_worlds, config.seed)
     orbit.to_csv(output / "floquet.csv", index=False)
     log.message(verdict(orbit))
 
 
-def teacher_strides(config: Config, directory: Path) -> StrideMap:
-    """The strides of the teacher's reduced-order model."""
+def teacher_strides(config: Config, directory: Path) -> StrideMap | None:
+    """The strides of the teacher's reduced-order model; None where it has no return map."""
+    return_map = RETURN_MAPS.get(config.rom.model)
+    if return_map is None:
+        return None
     env = rom_env(config, num_envs=1, episode_steps=1)
     policy = read_teacher(directory, config, env)
     env.close()
-    return StrideMap(
+    return return_map(
         policy,
         env.parameters,
         speed=config.teacher.speed,

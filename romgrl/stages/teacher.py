@@ -24,7 +24,7 @@ from romgrl.config.schema import Config
 from romgrl.gait import human_bands
 from romgrl.gait.features import LEFT_X, RIGHT_X, Gait, until_first_fall
 from romgrl.gait.metrics import describe
-from romgrl.rom.vector_env import SpringLegVectorEnv
+from romgrl.rom.interface import RomVectorEnv
 from romgrl.runtime.stage_log import StageLog
 from romgrl.stages.training.checkpoints import Keeper
 from romgrl.stages.wiring.rom import rom_env
@@ -54,7 +54,7 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
     log.message(human_bands.human_verdict(row, config.teacher.speed))
 
 
-def build_learner(config: Config, env: SpringLegVectorEnv, lane: Executor | None = None) -> PPO:
+def build_learner(config: Config, env: RomVectorEnv, lane: Executor | None = None) -> PPO:
     """PPO of the configuration for the environment; `lane` is a second thread for its updates."""
     teacher = config.teacher
     return PPO(
@@ -84,7 +84,7 @@ def build_learner(config: Config, env: SpringLegVectorEnv, lane: Executor | None
 class Loop:
     """What one rollout hands to the next."""
 
-    env: SpringLegVectorEnv
+    env: RomVectorEnv
     observation: NDArray[np.float32]
 
     def state(self) -> State:
@@ -97,9 +97,7 @@ class Loop:
         self.observation = np.asarray(state["observation"])
 
 
-def train(
-    config: Config, env: SpringLegVectorEnv, ppo: PPO, log: StageLog, output: Path, save: Callable[[], None]
-) -> None:
+def train(config: Config, env: RomVectorEnv, ppo: PPO, log: StageLog, output: Path, save: Callable[[], None]) -> None:
     """Collect a rollout, update, as often as fits into `total_steps`; DivergenceError if a number is not finite."""
     teacher = config.teacher
     rollout = Rollout(
@@ -135,7 +133,7 @@ def train(
 
 
 def collect(
-    env: SpringLegVectorEnv, ppo: PPO, rollout: Rollout, observation: NDArray[np.float32], tally: EpisodeTally
+    env: RomVectorEnv, ppo: PPO, rollout: Rollout, observation: NDArray[np.float32], tally: EpisodeTally
 ) -> NDArray[np.float32]:
     """Fill `rollout` with the exploring policy; returns the observation that the next one starts from."""
     for step in range(len(rollout.rewards)):
@@ -210,7 +208,7 @@ def check_gait(config: Config, policy: DeterministicPolicy) -> Gait:
     return record(env, policy, steps=CHECK_STEPS, seed=config.seed + 10_000)
 
 
-def record(env: SpringLegVectorEnv, policy: DeterministicPolicy, *, steps: int, seed: int) -> Gait:
+def record(env: RomVectorEnv, policy: DeterministicPolicy, *, steps: int, seed: int) -> Gait:
     """One episode of `steps` steps in each environment; what follows a fall is marked invalid."""
     features = np.zeros((env.num_envs, steps, 5), np.float32)
     velocity = np.zeros((env.num_envs, steps), np.float32)

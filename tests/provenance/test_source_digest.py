@@ -114,6 +114,7 @@ EDITED = {
     "tracking/recorder.py": set(),
     "tracking/sending/store.py": set(),
     "rom/vector_env.py": ROM_LEARNED | {"report", "robustness"},
+    "rom/registry.py": ROM_LEARNED | {"report", "robustness"},
     "rom/return_map.py": {"robustness"},
     "rom/drawing.py": {"report", "robustness"},
     "humanoid/own_body.py": set(STAGES),  # its sizes are those of the reduced-order model
@@ -125,6 +126,7 @@ EDITED = {
     "humanoid/reference_states.py": TRAINED,
     "humanoid/changed_body.py": {"robustness"},
     "gait/discriminator_windows.py": TRAINED,
+    "gait/symmetry.py": set(STAGES),
     "gait/alignment.py": {"evaluation", "report"},
     "gait/floquet.py": {"robustness"},
     "gait/measures.py": {"report"},

@@ -2,32 +2,32 @@
 
 from __future__ import annotations
 
-from typing import cast
+from typing import Any
 
 from romgrl.config.schema import Config
 from romgrl.humanoid import model
-from romgrl.rom.parameters import Reward, SpringLegParameters
-from romgrl.rom.vector_env import SpringLegVectorEnv
+from romgrl.rom.interface import RomVectorEnv
+from romgrl.rom.registry import MODELS
 
 
-def rom_env(config: Config, *, num_envs: int, episode_steps: int) -> SpringLegVectorEnv:
+def rom_env(config: Config, *, num_envs: int, episode_steps: int) -> RomVectorEnv:
     """The reduced-order model of the configuration, `num_envs` times."""
-    return SpringLegVectorEnv(
+    return MODELS[config.rom.model].worlds(
         parameters=rom_parameters(config),
         num_envs=num_envs,
         speed=config.teacher.speed,
         control_frequency=config.humanoid.control_frequency,
         episode_steps=episode_steps,
-        reward=cast(Reward, config.teacher.reward),
+        reward=config.teacher.reward,
         alpha=config.teacher.alpha,
         num_threads=config.threads,
     )
 
 
-def rom_parameters(config: Config) -> SpringLegParameters:
+def rom_parameters(config: Config) -> Any:
     """Parameters of the reduced-order model; those that are null come from the humanoid."""
     sizes = model.dimensions(model.configured(config.humanoid))
-    values = {name: value for name, value in vars(config.rom).items() if name != "name"}
+    values = {name: value for name, value in vars(config.rom).items() if name not in ("name", "model")}
     defaults = {"mass": sizes.mass, "leg_length": sizes.leg_length, "foot_radius": sizes.ankle_height}
     values |= {name: value for name, value in defaults.items() if values[name] is None}
-    return SpringLegParameters(**values)
+    return MODELS[config.rom.model].parameters(**values)

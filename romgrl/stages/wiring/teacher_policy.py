@@ -8,10 +8,10 @@ from gymnasium.spaces import flatdim
 
 from romgrl.algorithms import ppo
 from romgrl.config.schema import Config
-from romgrl.rom.vector_env import SpringLegVectorEnv
+from romgrl.rom.interface import RomVectorEnv
 
 
-def read_teacher(directory: Path, config: Config, env: SpringLegVectorEnv) -> ppo.DeterministicPolicy:
+def read_teacher(directory: Path, config: Config, env: RomVectorEnv) -> ppo.DeterministicPolicy:
     """The policy of the teacher for the reduced-order model that it is to walk."""
     fits: dict[str, object] = {
         "input_size": flatdim(env.single_observation_space),

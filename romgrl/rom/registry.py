@@ -1,0 +1,34 @@
+"""Every reduced-order model that `rom.model` can name; romgrl.config.worlds has the keys of each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from romgrl.rom import drawing, parameters
+from romgrl.rom.interface import RomVectorEnv
+from romgrl.rom.vector_env import SpringLegVectorEnv
+
+
+@dataclass(frozen=True)
+class ReducedOrderModel:
+    """One kind of reduced-order model.
+
+    parameters: their dataclass, named as the keys of `rom`. worlds: makes the vector environment of `parameters`,
+    num_envs, speed, control_frequency, episode_steps, reward, alpha and num_threads. faults: yields the name of each
+    of the parameters that cannot be at a control frequency, Hz, and what could. draw: picture (360, 640, 3) of
+    features (5,), contact (2,), place x in m and parameters.
+    """
+
+    parameters: Callable[..., Any]
+    worlds: Callable[..., RomVectorEnv]
+    faults: Callable[[Any, float], Iterator[tuple[str, str]]]
+    draw: Callable[..., Any]
+
+
+MODELS: dict[str, ReducedOrderModel] = {
+    "spring_leg": ReducedOrderModel(
+        parameters.SpringLegParameters, SpringLegVectorEnv, parameters.unfit_parameters, drawing.draw
+    ),
+}
