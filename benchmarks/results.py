@@ -7,6 +7,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from romgrl.report.markdown_table import markdown_table
+
 HERE = Path(__file__).resolve().parent
 RESULTS = HERE / "results.json"
 DOCUMENT = HERE.parent / "docs" / "benchmarks.md"
@@ -42,16 +44,17 @@ def number(value: float | None, unit: str = "") -> str:
 
 def table(rows: Iterable[Row], titles: Mapping[str, str]) -> str:
     """Markdown table; a row that was not measured says why."""
-    lines = ["| row | measured | compared with | ratio | to reach | |", "|---|---|---|---|---|---|"]
+    lines = []
     for row in rows:
         title = f"{titles.get(row['name'], '')} (`{row['name']}`)"
         if row["status"] != "measured":
-            lines.append(f"| {title} | {row['status']}: {row['reason']} | | | | |")
+            lines.append((title, f"{row['status']}: {row['reason']}", "", "", "", ""))
             continue
         mark = {True: "reached", False: "**missed**", None: ""}[row["reached"]]
         cells = (number(row["value"], row["unit"]), number(row["reference"]), number(row["ratio"]), row["target"] or "")
-        lines.append(f"| {title} | {' | '.join(cells)} | {mark} |")
-    return "\n".join(lines)
+        lines.append((title, *cells, mark))
+    columns = ("row", "measured", "compared with", "ratio", "to reach", "")
+    return markdown_table(columns, lines).rstrip("\n")
 
 
 def details(rows: Iterable[Row]) -> str:

@@ -40,7 +40,7 @@ ALLOWED: dict[str, set[str]] = {
         "runtime",
     },
     "results": {"artifacts", "config", "errors", "gait", "provenance", "report", "runtime"},
-    "cli": {"config", "errors", "gait", "humanoid", "provenance", "rom", "runtime", "tracking"},
+    "cli": {"config", "errors", "gait", "humanoid", "provenance", "report", "rom", "runtime", "tracking"},
     "pipeline": {"artifacts", "cli", "config", "errors", "provenance", "report", "results", "runtime", "tracking"},
     "sweeps": {"artifacts", "cli", "config", "errors", "pipeline", "provenance", "results", "runtime", "tracking"},
     "pretrained": {"artifacts", "cli", "config", "errors", "provenance", "report", "results", "runtime"},

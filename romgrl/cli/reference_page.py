@@ -9,6 +9,7 @@ from typing import Any
 from romgrl.cli.compose import CONF, compose_config
 from romgrl.config.schema import Config
 from romgrl.config.values import allowed, keys_of, schema_keys, show, value_of
+from romgrl.report.markdown_table import markdown_table
 
 REFERENCE_PAGE = Path(__file__).resolve().parents[2] / "docs" / "configuration.md"
 REFERENCE_HEAD = """# Configuration
@@ -33,21 +34,20 @@ def group_section(group: str, keys: dict[str, Field[Any]], config: Config) -> st
     lines = [f"## {group or 'Top level'}", "", " ".join(doc.split()), ""]
     choices = sorted(path.stem for path in (CONF / (group or "experiment")).glob("*.yaml"))
     lines += [f"Choices of `{group or 'experiment'}`: {', '.join(choices)}.", ""]
-    lines += ["| key | meaning | unit | values | default |", "|---|---|---|---|---|"]
+    rows = []
     for name, entry in keys.items():
         if name.rpartition(".")[0] == group:
-            meaning = entry.metadata["doc"].replace("|", "\\|")
             default = show(value_of(config, name)) if name in keys_of(config) else "of another kind"
             unit = entry.metadata["unit"]
             cells = (
                 f"`{name}`",
-                meaning,
+                entry.metadata["doc"],
                 unit,
                 allowed(entry).replace(f" {unit}", "", 1) if unit else allowed(entry),
                 f"`{default.removeprefix(f'{Path.cwd()}/')}`",
             )
-            lines.append(f"| {' | '.join(cells)} |")
-    return "\n".join([*lines, ""])
+            rows.append(cells)
+    return "\n".join([*lines, markdown_table(("key", "meaning", "unit", "values", "default"), rows)])
 
 
 def main() -> None:

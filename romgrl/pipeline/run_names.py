@@ -9,6 +9,8 @@ from romgrl.config.schema import Config
 from romgrl.config.values import value_of
 from romgrl.provenance.stage_graph import KNOBS, STAGES, upstream_of
 from romgrl.provenance.stage_keys import stage_config
+from romgrl.report.markdown_table import markdown_table
+from romgrl.report.numbers import significant
 from romgrl.report.terminal_tables import run_link
 from romgrl.results.sweep_record import settings
 from romgrl.runtime.stage_log import format_duration
@@ -53,11 +55,12 @@ def job_note(
     title: str, made: Mapping[str, Manifest], reused: Mapping[str, Manifest], numbers: Mapping[str, float]
 ) -> str:
     """The description of a job's run, in Markdown: its stages with links to their runs, and the numbers that matter."""
-    lines = [f"**{title}**", "", "| stage | | time | artifact |", "|---|---|---:|---|"]
+    rows = []
     for stage in (stage for stage in STAGES if stage in made):
-        each = made[stage]
-        how = "reused" if stage in reused else "made"
-        lines.append(f"| {run_link(stage, each.run_id)} | {how} | {format_duration(each.wall_time)} | `{each.key}` |")
+        each, how = made[stage], "reused" if stage in reused else "made"
+        rows.append((run_link(stage, each.run_id), how, format_duration(each.wall_time), f"`{each.key}`"))
+    tables = [markdown_table(("stage", "", "time", "artifact"), rows, right=[2])]
     if numbers:
-        lines += ["", "| number | |", "|---|---:|", *(f"| {name} | {value:.4g} |" for name, value in numbers.items())]
-    return "\n".join(lines)
+        shown = [(name, significant(value, 4)) for name, value in numbers.items()]
+        tables.append(markdown_table(("number", ""), shown, right=[1]))
+    return "\n".join([f"**{title}**", "", *tables]).rstrip("\n")

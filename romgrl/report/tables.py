@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import pandas as pd
 
 from romgrl.gait.measures import MEASURES
+from romgrl.report.markdown_table import markdown_table
 from romgrl.report.numbers import fixed, measured, significant
 from romgrl.report.style import CHANNEL_LABELS
 
@@ -16,20 +17,16 @@ DISTANCE_DECIMALS = 4
 
 def markdown(table: pd.DataFrame) -> str:
     """A table in Markdown; text to the left, numbers to the right, to four significant digits unless they are text."""
-    numeric = [all(is_number(value) for value in table[column]) for column in table]
-    lines = [
-        "| " + " | ".join(str(column) for column in table) + " |",
-        "|" + "|".join("---:" if right else "---" for right in numeric) + "|",
-    ]
-    lines += ["| " + " | ".join(cell(value) for value in row) + " |" for row in table.itertuples(index=False)]
-    return "\n".join(lines) + "\n"
+    numeric = [i for i, column in enumerate(table) if all(is_number(value) for value in table[column])]
+    rows = ([cell(value) for value in row] for row in table.itertuples(index=False))
+    return markdown_table([str(column) for column in table], rows, right=numeric)
 
 
 def cell(value: object) -> str:
     """A number to four significant digits, a dash for what is not known, text as it is."""
     if isinstance(value, float):
         return significant(value, 4)
-    return str(value).replace("|", "\\|")
+    return str(value)
 
 
 def is_number(value: object) -> bool:

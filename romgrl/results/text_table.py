@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 from rich.table import Table
 
+from romgrl.report.markdown_table import markdown_table
+
 
 @dataclass(frozen=True)
 class Sheet:
@@ -28,9 +30,5 @@ class Sheet:
 
     def markdown(self) -> str:
         """For a document, without the title."""
-        lines = [
-            "| " + " | ".join(self.columns) + " |",
-            "|" + "|".join("---" if column in self.names else "---:" for column in self.columns) + "|",
-        ]
-        lines += ["| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in self.rows]
-        return "\n".join(lines) + "\n"
+        right = [i for i, column in enumerate(self.columns) if column not in self.names]
+        return markdown_table(self.columns, self.rows, right)
