@@ -82,7 +82,7 @@ class PPO:
         self.generator = torch.Generator(device=device).manual_seed(seed)
         self.spec: dict[str, Any] = {"hidden_sizes": list(hidden_sizes), "activation": activation}
         self.policy, self.value = (
-            StackedMLP(stack=1, inputs=observation_size, outputs=size, transposed=True, device=device, **self.spec)
+            StackedMLP(stack=1, inputs=observation_size, outputs=size, linear=True, device=device, **self.spec)
             for size in (action_size, 1)
         )
         self.policy.initialise_orthogonal(output_gain=0.01)
@@ -265,7 +265,7 @@ def load_ppo_policy(path: Path, fits: Mapping[str, object] | None = None) -> PPO
         shapes |= {f"{2 * layer}.weight": (outputs, inputs), f"{2 * layer}.bias": (outputs,)}
     check_tensors(path, tensors, {name: (torch.float32, shape) for name, shape in shapes.items()})
     inputs, outputs = (spec.pop(name) for name in sizes)
-    network = StackedMLP(stack=1, inputs=inputs, outputs=outputs, transposed=True, exact=True, **spec)
+    network = StackedMLP(stack=1, inputs=inputs, outputs=outputs, linear=True, exact=True, **spec)
     for name, tensor in tensors_in_file(network).items():
         tensor.copy_(tensors[name])
     return PPOPolicy(network)

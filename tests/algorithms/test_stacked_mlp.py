@@ -8,14 +8,13 @@ from romgrl.algorithms.networks.stacked_mlp import ACTIVATIONS, StackedMLP
 from tests.helpers.automatic_gradients import forward_by_autograd
 
 
-@pytest.mark.parametrize("transposed", [False, True])
 @pytest.mark.parametrize("outputs", [1, 4])
 @pytest.mark.parametrize("hidden_sizes", [[16, 12], []])
-@pytest.mark.parametrize("stack", [1, 2, 3])
+@pytest.mark.parametrize(("stack", "linear"), [(1, True), (1, False), (2, False), (3, False)])
 @pytest.mark.parametrize("layer_norm", [False, True])
 @pytest.mark.parametrize("activation", ACTIVATIONS)
 def test_gradients_equal_automatic_ones(
-    activation: str, layer_norm: bool, stack: int, hidden_sizes: list[int], outputs: int, transposed: bool
+    activation: str, layer_norm: bool, stack: int, linear: bool, hidden_sizes: list[int], outputs: int
 ) -> None:
     torch.manual_seed(0)
     network = StackedMLP(
@@ -25,7 +24,7 @@ def test_gradients_equal_automatic_ones(
         outputs=outputs,
         activation=activation,
         layer_norm=layer_norm,
-        transposed=transposed,
+        linear=linear,
         dtype=torch.float64,
     )
     inputs, tape = torch.randn(9, 7, dtype=torch.float64), network.tape(9)
@@ -61,14 +60,16 @@ def test_activations(activation: str, exact: bool) -> None:
     assert error <= (0.0 if exact or activation != "tanh" else 2e-7)
 
 
-def test_unknown_activation() -> None:
+def test_what_fits_no_network() -> None:
     with pytest.raises(ValueError, match="activation must be one of tanh, relu, elu, leaky_relu, not 'swish'"):
         StackedMLP(stack=1, inputs=2, hidden_sizes=[2], outputs=1, activation="swish")
+    with pytest.raises(ValueError, match="stack of 1, not 2"):
+        StackedMLP(stack=2, inputs=2, hidden_sizes=[2], outputs=1, linear=True)
 
 
-@pytest.mark.parametrize("transposed", [False, True])
-def test_orthogonal_initialisation(transposed: bool) -> None:
-    network = StackedMLP(stack=2, inputs=4, hidden_sizes=[8, 8], outputs=2, transposed=transposed)
+@pytest.mark.parametrize(("stack", "linear"), [(1, True), (2, False)])
+def test_orthogonal_initialisation(stack: int, linear: bool) -> None:
+    network = StackedMLP(stack=stack, inputs=4, hidden_sizes=[8, 8], outputs=2, linear=linear)
     network.initialise_orthogonal(output_gain=0.01)
     for hidden, output in zip(network.weights[1], network.weights[2], strict=True):
         torch.testing.assert_close(hidden @ hidden.T, 2.0 * torch.eye(8), rtol=0, atol=1e-5)
@@ -84,7 +85,7 @@ def test_first_weights_are_those_of_linear_layers() -> None:
 
 def test_parameters_in_a_part_of_a_longer_vector() -> None:
     """They keep their values, and gradients go where the part of the other vector lies."""
-    network = StackedMLP(stack=1, inputs=3, hidden_sizes=[4], outputs=2, transposed=True)
+    network = StackedMLP(stack=1, inputs=3, hidden_sizes=[4], outputs=2, linear=True)
     inputs, size = torch.ones(5, 3), len(network.flat)
     expected = network.forward(inputs, network.tape(5)).clone()
     flat, gradient = torch.cat((torch.zeros(2), network.flat)), torch.zeros(size + 2)

@@ -75,6 +75,7 @@ class Tape:
     inputs: list[Tensor]  # of each layer, (S, B, I)
     centred: list[Tensor]  # z - mean z of each hidden layer, (S, B, O); none without layer norm
     scale: list[Tensor]  # 1 / sqrt(var z + eps), (S, B, 1); none without layer norm
+    gradients: list[Tensor]  # of the loss by each hidden layer, (1, B, O), for the backward pass; none unless linear
     output: Tensor  # (S, B, O)
 
 
@@ -82,8 +83,8 @@ class StackedMLP:
     """`stack` perceptrons, their parameters in one flat vector and the gradients in another.
 
     Inputs (B, I) are shared by all; outputs are (stack, B, O). `activation` is a key of ACTIVATIONS, with `exact` to
-    the last bit as torch has it. `transposed`: weights lie as (stack, O, I) in the vector, in the order of
-    torch.nn.Linear, instead of (stack, I, O). Raises ValueError for an unknown activation.
+    the last bit as torch has it. `linear`: one perceptron whose layers are torch.nn.Linear to the last bit; its weights
+    lie as (O, I) in the vector, not as (stack, I, O). Raises ValueError for an unknown activation.
     """
 
     def __init__(
@@ -95,15 +96,17 @@ class StackedMLP:
         outputs: int,
         activation: str = "relu",
         layer_norm: bool = False,
-        transposed: bool = False,
+        linear: bool = False,
         exact: bool = False,
         device: str = "cpu",
         dtype: torch.dtype | None = None,
     ) -> None:
         if activation not in ACTIVATIONS:
             raise ValueError(f"activation must be one of {', '.join(ACTIVATIONS)}, not {activation!r}")
+        if linear and stack != 1:
+            raise ValueError(f"linear needs a stack of 1, not {stack}")
         self.activation = EXACT_TANH if exact and activation == "tanh" else ACTIVATIONS[activation]
-        self.stack, self.layer_norm, self.transposed = stack, layer_norm, transposed
+        self.stack, self.layer_norm, self.linear = stack, layer_norm, linear
         self.sizes = [inputs, *hidden_sizes, outputs]
         self._tapes: dict[tuple[str, int], Tape] = {}
         total = sum(stack * (i + 1) * o for i, o in pairwise(self.sizes))
@@ -133,7 +136,7 @@ class StackedMLP:
         weights, biases, start = [], [], 0
         for i, o in pairwise(self.sizes):
             part = flat[start : start + self.stack * i * o]
-            weights.append(part.view(self.stack, o, i).mT if self.transposed else part.view(self.stack, i, o))
+            weights.append(part.view(self.stack, o, i).mT if self.linear else part.view(self.stack, i, o))
             start += self.stack * i * o
             biases.append(flat[start : start + self.stack * o].view(self.stack, 1, o))
             start += self.stack * o
@@ -161,6 +164,7 @@ class StackedMLP:
             inputs=[empty(0), *map(empty, hidden)],
             centred=[empty(size) for size in hidden if self.layer_norm],
             scale=[empty(1) for _ in hidden if self.layer_norm],
+            gradients=[empty(size) for size in hidden if self.linear],
             output=empty(self.sizes[-1]),
         )
 
@@ -182,9 +186,9 @@ class StackedMLP:
         return tape.output
 
     def _affine(self, layer: int, x: Tensor, output: Tensor) -> None:
-        """Write x W + b, (S, B, O), for x (S, B, I); a stack of one as torch.nn.Linear, with the same bits."""
+        """Write x W + b, (S, B, O), for x (S, B, I)."""
         weight, bias = self.weights[layer], self.biases[layer]
-        if self.stack == 1:
+        if self.linear:
             torch.addmm(bias[0], x[0], weight[0], out=output[0])
         elif weight.shape[2] > 1:
             torch.baddbmm(bias, x, weight, out=output)
@@ -202,7 +206,10 @@ class StackedMLP:
                 self._weight_gradient(layer, x, gradient)
             if layer == 0:
                 break
-            gradient = gradient * weight.mT if weight.shape[2] == 1 else torch.bmm(gradient, weight.mT)
+            if self.linear:
+                gradient = torch.mm(gradient[0], weight[0].T, out=tape.gradients[layer - 1][0])[None]
+            else:
+                gradient = gradient * weight.mT if weight.shape[2] == 1 else torch.bmm(gradient, weight.mT)
             self.activation.gradient(gradient, x)
             if self.layer_norm:
                 z, scale = tape.centred[layer - 1], tape.scale[layer - 1]
@@ -214,7 +221,7 @@ class StackedMLP:
         return torch.bmm(gradient, self.weights[0][:, inputs].mT).sum(0)
 
     def _weight_gradient(self, layer: int, x: Tensor, gradient: Tensor) -> None:
-        if self.stack == 1:
+        if self.linear:
             torch.mm(x[0].T, gradient[0], out=self.weight_gradients[layer][0])
         elif gradient.shape[2] == 1:
             torch.sum(x * gradient, 1, out=self.weight_gradients[layer].squeeze(-1))
