@@ -17,7 +17,7 @@ from benchmarks.machine import describe
 from benchmarks.measure import Options, Result
 from benchmarks.rows.commands import ROOT
 from benchmarks.setup import configuration
-from romgrl.algorithms.sac import load_policy
+from romgrl.algorithms.sac import load_sac_policy
 from romgrl.config.schema import Config
 from romgrl.gait.features import gait_from_rollouts
 from romgrl.gait.metrics import describe as describe_gait
@@ -149,7 +149,7 @@ def speed_errors(config: Config, policy: Path) -> tuple[float, float] | None:
     steps = round(SECONDS * config.humanoid.control_frequency)
     env = humanoid_env(config, num_envs=EPISODES, episode_steps=steps + 1)
     seed = config.seed + evaluation.SEED_OFFSET  # resets that no training has drawn
-    rolled = evaluation.roll_out(env, load_policy(policy), steps=steps, seed=seed, progress=lambda step: None)
+    rolled = evaluation.roll_out(env, load_sac_policy(policy), steps=steps, seed=seed, progress=lambda step: None)
     env.close()
     arrays: dict[str, Any] = {
         "dt": np.float64(env.control_step),

@@ -12,10 +12,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor, nn
+from torch import Tensor
 
-from romgrl.algorithms.networks.mlp import ACTIVATIONS, initialise_orthogonal, mlp
-from romgrl.algorithms.networks.mlp_gradients import MLPGradients, flatten_parameters
+from romgrl.algorithms.networks.stacked_mlp import ACTIVATIONS, StackedMLP
 from romgrl.algorithms.policy_file import check_tensors, layer_sizes, read_policy, require
 from romgrl.algorithms.rollout_buffer import Rollout, compute_gae
 from romgrl.algorithms.second_thread import start
@@ -29,11 +28,6 @@ LOG_TWO_PI = math.log(2.0 * math.pi)
 def gaussian_log_probability(scaled: Tensor, log_std: Tensor) -> Tensor:
     """Log density (N,) of actions under independent Gaussians; `scaled` is (action - mean) / std, (N, A)."""
     return -0.5 * scaled.square().sum(-1) - (log_std + 0.5 * LOG_TWO_PI).sum()
-
-
-def gaussian_entropy(log_std: Tensor) -> Tensor:
-    """Entropy (nats) of independent Gaussians, from their (A,) log standard scaleds."""
-    return (log_std + 0.5 * (1.0 + LOG_TWO_PI)).sum(-1)
 
 
 def clipped_policy_loss(log_ratio: Tensor, advantages: Tensor, clip_ratio: float) -> Tensor:
@@ -86,15 +80,22 @@ class PPO:
         torch.manual_seed(seed)
         self.device = device
         self.generator = torch.Generator(device=device).manual_seed(seed)
-        self.spec = {"hidden_sizes": list(hidden_sizes), "activation": activation}
-        self.policy = mlp(observation_size, hidden_sizes, action_size, activation).to(device)
-        self.value = mlp(observation_size, hidden_sizes, 1, activation).to(device)
-        initialise_orthogonal(self.policy, output_gain=0.01)
-        initialise_orthogonal(self.value, output_gain=1.0)
-        self.log_std = nn.Parameter(torch.full((action_size,), float(initial_log_std), device=device))
-        self.parameters = [*self.policy.parameters(), *self.value.parameters(), self.log_std]
-        self.weights, self.gradient = flatten_parameters(self.parameters)
-        self.policy_gradients, self.value_gradients = MLPGradients(self.policy), MLPGradients(self.value)
+        self.spec: dict[str, Any] = {"hidden_sizes": list(hidden_sizes), "activation": activation}
+        self.policy, self.value = (
+            StackedMLP(stack=1, inputs=observation_size, outputs=size, linear=True, device=device, **self.spec)
+            for size in (action_size, 1)
+        )
+        self.policy.initialise_orthogonal(output_gain=0.01)
+        self.value.initialise_orthogonal(output_gain=1.0)
+        log_std = torch.full((action_size,), float(initial_log_std), device=device)
+        parts = (self.policy.flat, self.value.flat, log_std)
+        self.weights = torch.cat(parts)  # in one vector, for one step of the optimiser and one norm
+        self.weights.grad = self.gradient = torch.zeros_like(self.weights)
+        sizes = [len(part) for part in parts]
+        policy, value, spread = zip(torch.split(self.weights, sizes), torch.split(self.gradient, sizes), strict=True)
+        self.policy.place(*policy)
+        self.value.place(*value)
+        self.log_std, self.log_std_gradient = spread
         self.learning_rate, self.lane = learning_rate, lane
         self.optimizer = torch.optim.Adam([self.weights], lr=learning_rate, eps=1e-5, fused=True)
         self.gamma, self.gae_lambda, self.clip_ratio = gamma, gae_lambda, clip_ratio
@@ -108,7 +109,7 @@ class PPO:
 
     def act(self, observation: Tensor) -> tuple[Tensor, Tensor]:
         """Sampled actions (N, A), not clipped, and their log probabilities (N,) for (N, O) observations."""
-        mean = self.policy_gradients.forward(observation)
+        mean = self.policy.forward(observation, self.policy.kept_tape(len(observation), "act"))[0]
         noise = torch.randn(mean.shape, generator=self.generator, device=self.device)
         action = torch.addcmul(mean, noise, self.log_std.exp())
         return action, gaussian_log_probability(noise, self.log_std)
@@ -152,14 +153,17 @@ class PPO:
 
     def _advantages(self, rollout: Rollout) -> tuple[Tensor, Tensor]:
         """Advantages and returns, (T, N) each, of a rollout under the present value network."""
-        values = self.value_gradients.forward(rollout.observations.flatten(0, 1)).view_as(rollout.rewards)
-        last_value = self.value_gradients.forward(rollout.next_observations[-1]).T
-        next_values = torch.cat([values[1:], last_value])
+        values = self._values(rollout.observations.flatten(0, 1)).view_as(rollout.rewards)
+        next_values = torch.cat([values[1:], self._values(rollout.next_observations[-1])[None]])
         truncated = rollout.truncated
-        next_values[truncated] = self.value_gradients.forward(rollout.next_observations[truncated]).squeeze(-1)
+        next_values[truncated] = self._values(rollout.next_observations[truncated])
         return compute_gae(
             rollout.rewards, values, next_values, rollout.terminated, truncated, self.gamma, self.gae_lambda
         )
+
+    def _values(self, observations: Tensor) -> Tensor:
+        """Values (N,) of observations (N, O)."""
+        return self.value.forward(observations, self.value.tape(len(observations)))[0, :, 0]
 
     def _samples(self, rollout: Rollout, advantages: Tensor, returns: Tensor) -> Minibatch:
         """All samples of a rollout and, after them, their mirror images if there is a mirror."""
@@ -199,7 +203,8 @@ class PPO:
         d min(r A, clip(r) A) / d log r = r A where that is the smaller one, 0 elsewhere; with e = (a - mean) / std,
         d log r / d mean = e / std,  d log r / d log_std = e^2 - 1,  d entropy / d log_std = 1.
         """
-        mean = self.policy_gradients.forward(minibatch.observations)
+        tape = self.policy.kept_tape(len(minibatch.observations), "gradient")
+        mean = self.policy.forward(minibatch.observations, tape)[0]
         inverse_std = torch.exp(-self.log_std)
         scaled = (minibatch.actions - mean) * inverse_std
         log_ratio = gaussian_log_probability(scaled, self.log_std) - minibatch.log_probabilities
@@ -207,38 +212,47 @@ class PPO:
         gain = ratio * minibatch.advantages
         clipped = ratio.clamp(1.0 - self.clip_ratio, 1.0 + self.clip_ratio) * minibatch.advantages
         by_log_ratio = torch.where(gain <= clipped, gain, 0.0) / -len(gain)
-        self.policy_gradients.backward(by_log_ratio[:, None] * scaled * inverse_std)
-        torch.mv((scaled.square() - 1.0).T, by_log_ratio, out=self.log_std.grad).sub_(self.entropy_coefficient)
+        self.policy.backward((by_log_ratio[:, None] * scaled * inverse_std)[None], tape)
+        torch.mv((scaled.square() - 1.0).T, by_log_ratio, out=self.log_std_gradient).sub_(self.entropy_coefficient)
         return log_ratio
 
     def value_gradient(self, minibatch: Minibatch) -> Tensor:
         """Gradient of value_coefficient * mean of (V - return)^2 / 2 by the value network; errors V - return (N,)."""
-        error = self.value_gradients.forward(minibatch.observations).squeeze(-1) - minibatch.returns
-        self.value_gradients.backward(error[:, None] * (self.value_coefficient / len(error)))
+        tape = self.value.kept_tape(len(minibatch.observations), "gradient")
+        error = self.value.forward(minibatch.observations, tape)[0, :, 0] - minibatch.returns
+        self.value.backward(error[None, :, None] * (self.value_coefficient / len(error)), tape)
         return error
 
 
-class DeterministicPolicy:
+class PPOPolicy:
     """Mean of the Gaussian policy, clipped: (N, O) float32 -> (N, A) float32 in [-1, 1]."""
 
-    def __init__(self, network: nn.Sequential) -> None:
-        self.network = network.eval()
+    def __init__(self, network: StackedMLP) -> None:
+        self.network = network
 
-    @torch.no_grad()
     def __call__(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
-        action: NDArray[np.float32] = self.network(torch.from_numpy(observation)).clamp_(-1.0, 1.0).numpy()
+        mean = self.network.forward(torch.from_numpy(observation), self.network.tape(len(observation)))[0]
+        action: NDArray[np.float32] = mean.clamp_(-1.0, 1.0).numpy()
         return action
 
 
-def save_policy(path: Path, ppo: PPO) -> None:
+def tensors_in_file(network: StackedMLP) -> dict[str, Tensor]:
+    """Weights (O, I) and biases (O,) by the names that a file has for them, as views."""
+    named: dict[str, Tensor] = {}
+    for layer, (weight, bias) in enumerate(zip(network.weights, network.biases, strict=True)):
+        named |= {f"{2 * layer}.weight": weight[0].T, f"{2 * layer}.bias": bias[0, 0]}
+    return named
+
+
+def save_ppo_policy(path: Path, ppo: PPO) -> None:
     """Write the policy network and its spread as safetensors, with what is needed to rebuild it in the metadata."""
-    tensors = {name: tensor.detach().cpu() for name, tensor in ppo.policy.state_dict().items()}
-    spec = {"algorithm": "ppo", "input_size": ppo.policy[0].in_features, "output_size": len(ppo.log_std), **ppo.spec}
-    save_tensors(path, tensors | {"log_std": ppo.log_std.detach().cpu()}, {"network": json.dumps(spec)})
+    tensors = {name: tensor.cpu() for name, tensor in tensors_in_file(ppo.policy).items()}
+    spec = {"algorithm": "ppo", "input_size": ppo.policy.sizes[0], "output_size": len(ppo.log_std), **ppo.spec}
+    save_tensors(path, tensors | {"log_std": ppo.log_std.cpu()}, {"network": json.dumps(spec)})
 
 
-def load_policy(path: Path, fits: Mapping[str, object] | None = None) -> DeterministicPolicy:
-    """Deterministic policy from a file of `save_policy`. Raises ArtifactError for any other.
+def load_ppo_policy(path: Path, fits: Mapping[str, object] | None = None) -> PPOPolicy:
+    """Deterministic policy from a file of `save_ppo_policy`. Raises ArtifactError for any other.
 
     `fits`: what the description of its network must say, such as input_size.
     """
@@ -250,6 +264,8 @@ def load_policy(path: Path, fits: Mapping[str, object] | None = None) -> Determi
     for layer, (inputs, outputs) in enumerate(layer_sizes(spec, *sizes)):
         shapes |= {f"{2 * layer}.weight": (outputs, inputs), f"{2 * layer}.bias": (outputs,)}
     check_tensors(path, tensors, {name: (torch.float32, shape) for name, shape in shapes.items()})
-    network = mlp(spec["input_size"], spec["hidden_sizes"], spec["output_size"], spec["activation"])
-    network.load_state_dict({name: tensor for name, tensor in tensors.items() if name != "log_std"})
-    return DeterministicPolicy(network)
+    inputs, outputs = (spec.pop(name) for name in sizes)
+    network = StackedMLP(stack=1, inputs=inputs, outputs=outputs, linear=True, exact=True, **spec)
+    for name, tensor in tensors_in_file(network).items():
+        tensor.copy_(tensors[name])
+    return PPOPolicy(network)

@@ -19,7 +19,7 @@ from torch import Tensor
 
 from romgrl.algorithms.divergence import require_finite
 from romgrl.algorithms.networks import squashed_gaussian
-from romgrl.algorithms.networks.stacked_mlp import StackedMLP, Tape
+from romgrl.algorithms.networks.stacked_mlp import StackedMLP
 from romgrl.algorithms.policy_file import check_tensors, layer_sizes, read_policy, require_humanoid
 from romgrl.algorithms.replay_buffer import Batch
 from romgrl.algorithms.second_thread import start
@@ -79,7 +79,6 @@ class SAC:
         self.critic_optimizer = torch.optim.Adam([self.critic.flat], lr=critic_learning_rate, fused=True)
         self.actions = slice(observation_size, observation_size + action_size)
         self.updates = 0
-        self._tapes: dict[tuple[str, int], Tape] = {}
 
     def act(self, observation: Tensor) -> Tensor:
         """Exploring actions (N, A) for observations (N, columns)."""
@@ -87,7 +86,7 @@ class SAC:
 
     def sample(self, observation: Tensor, noise: Tensor, use: str) -> squashed_gaussian.Sample:
         """Actions of the policy for observations (B, columns) with noise (B, A); `use` names the tape that is kept."""
-        head = self.policy.forward(observation, self._tape(use, self.policy, len(observation)))
+        head = self.policy.forward(observation, self.policy.kept_tape(len(observation), use))
         return squashed_gaussian.sample(head[0], noise)
 
     def update(self, batch: Batch, reward: Tensor) -> Metrics:
@@ -140,7 +139,7 @@ class SAC:
     def bellman_target(self, batch: Batch, reward: Tensor, following: squashed_gaussian.Sample) -> Tensor:
         """y = r + gamma (1 - terminated) (Q'(s', a') - alpha log pi(a'|s')), (B,), with a' from `following`."""
         inputs = torch.cat((batch.next_observation, following.action), -1)
-        values = self.target.forward(inputs, self._tape("next_value", self.target, len(inputs))).squeeze(-1)
+        values = self.target.forward(inputs, self.target.kept_tape(len(inputs), "next_value")).squeeze(-1)
         value = values.amin(0) if self.critic_target == "minimum" else values.mean(0)
         soft_value = value - self.log_temperature.exp() * following.log_probability
         return reward + self.gamma * (1 - batch.terminated) * soft_value
@@ -149,7 +148,7 @@ class SAC:
         self, batch: Batch, reward: Tensor, following: Callable[[], squashed_gaussian.Sample]
     ) -> Metrics:
         """Gradient of sum over the critics of mean (Q - y)^2; `following` gives the actions of the next states."""
-        tape = self._tape("value", self.critic, len(reward))
+        tape = self.critic.kept_tape(len(reward), "value")
         values = self.critic.forward(torch.cat((batch.observation, batch.action), -1), tape)
         target = self.bellman_target(batch, reward, following())
         error = values - target.unsqueeze(-1)
@@ -160,13 +159,13 @@ class SAC:
         """Gradients of mean (alpha log pi - Q) by the policy and of alpha (entropy - its target) by log alpha."""
         size = len(observation)
         drawn = self.sample(observation, noise, "policy")
-        tape = self._tape("policy_value", self.critic, size)
+        tape = self.critic.kept_tape(size, "policy_value")
         values = self.critic.forward(torch.cat((observation, drawn.action), -1), tape)
         value, share = self._join(values)
         by_action = self.critic.backward(share * (-1 / size), tape, weights=False, inputs=self.actions)
         temperature = self.log_temperature.exp()
         by_head = squashed_gaussian.head_gradient(drawn, by_action, temperature / size)
-        self.policy.backward(by_head.unsqueeze(0), self._tape("policy", self.policy, size))
+        self.policy.backward(by_head.unsqueeze(0), self.policy.kept_tape(size, "policy"))
         entropy = -drawn.log_probability.mean()
         torch.mul(temperature, entropy - self.target_entropy, out=self.log_temperature.grad)
         loss = (temperature * drawn.log_probability - value).mean()
@@ -183,13 +182,8 @@ class SAC:
     def _noise(self, *shape: int) -> Tensor:
         return torch.randn((*shape, self.action_size), generator=self.generator, device=self.log_temperature.device)
 
-    def _tape(self, use: str, network: StackedMLP, rows: int) -> Tape:
-        if (use, rows) not in self._tapes:
-            self._tapes[use, rows] = network.tape(rows)
-        return self._tapes[use, rows]
 
-
-class DeterministicPolicy:
+class SACPolicy:
     """The mean action of a trained policy: (N, 358) float32 -> (N, A) float32 in [-1, 1]."""
 
     def __init__(self, policy: StackedMLP, columns: Tensor, mean: Tensor, scale: Tensor) -> None:
@@ -202,7 +196,7 @@ class DeterministicPolicy:
         return action
 
 
-def save_policy(
+def save_sac_policy(
     path: Path, sac: SAC, columns: Tensor, mean: Tensor, scale: Tensor, humanoid: Mapping[str, str] | None = None
 ) -> None:
     """Write the averaged policy with the columns it reads and their normalisation (safetensors).
@@ -215,10 +209,10 @@ def save_policy(
     save_tensors(path, tensors, {"network": network})
 
 
-def load_policy(path: Path, humanoid: Mapping[str, str] | None = None) -> DeterministicPolicy:
+def load_sac_policy(path: Path, humanoid: Mapping[str, str] | None = None) -> SACPolicy:
     """Rebuild a policy from its file alone. Raises ArtifactError for any other file.
 
-    `humanoid`: the model that it must have been trained on, as `save_policy` takes it; None: any.
+    `humanoid`: the model that it must have been trained on, as `save_sac_policy` takes it; None: any.
     """
     sizes, options = ("inputs", "outputs"), {"layer_norm": (True, False)}
     tensors, network, trained_on = read_policy(path, algorithm="sac", sizes=sizes, options=options)
@@ -234,4 +228,4 @@ def load_policy(path: Path, humanoid: Mapping[str, str] | None = None) -> Determ
     policy = StackedMLP(stack=1, **network)
     for name, value in policy.named_tensors().items():
         value.copy_(tensors[f"policy.{name}"])
-    return DeterministicPolicy(policy, tensors["columns"], tensors["observation_mean"], tensors["observation_scale"])
+    return SACPolicy(policy, tensors["columns"], tensors["observation_mean"], tensors["observation_scale"])

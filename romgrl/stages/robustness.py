@@ -12,7 +12,7 @@ from gymnasium.spaces import flatdim
 from numpy.typing import NDArray
 from scipy.stats import binomtest
 
-from romgrl.algorithms.sac import DeterministicPolicy
+from romgrl.algorithms.sac import SACPolicy
 from romgrl.config.schema import Config
 from romgrl.gait.metrics import SETTLING_TIME, mean_speed
 from romgrl.humanoid.changed_body import scaled
@@ -159,7 +159,7 @@ def environment(config: Config, env: PlanarHumanoidVectorEnv, one: Disturbance) 
     return humanoid_env(config, num_envs=env.num_envs, episode_steps=env.task.episode_steps, body=body)
 
 
-def observation_spread(policies: list[DeterministicPolicy], size: int) -> NDArray[np.float32]:
+def observation_spread(policies: list[SACPolicy], size: int) -> NDArray[np.float32]:
     """Standard deviation (size,) of each entry of the observation as the trainings standardised it: root mean square
     over the walkers, so that the same noise meets them all. Zero for entries that no policy reads."""
     variance = np.zeros((len(policies), size))

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from romgrl.algorithms.divergence import check_physics, require_finite
 from romgrl.algorithms.rom_grl import RomGrl
-from romgrl.algorithms.sac import Metrics, save_policy
+from romgrl.algorithms.sac import Metrics, save_sac_policy
 from romgrl.algorithms.second_thread import second_lane, start
 from romgrl.artifacts.checkpoint import State
 from romgrl.config.schema import Config
@@ -77,7 +77,7 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
 
         def save(moments: tuple[Tensor, Tensor] | None = None) -> None:
             mean_and_scale = moments or learner.normalizer.mean_and_scale()
-            save_policy(output / "policy.safetensors", learner.sac, columns, *mean_and_scale, humanoid)
+            save_sac_policy(output / "policy.safetensors", learner.sac, columns, *mean_and_scale, humanoid)
 
         train(config, env, windows, learner, candidates, log, output, save)
         save(choose(config, learner, candidates, columns, windows.layout, output, log))

@@ -16,7 +16,7 @@ from gymnasium.spaces import flatdim
 from numpy.typing import NDArray
 
 from romgrl.algorithms.divergence import check_physics, require_finite
-from romgrl.algorithms.ppo import PPO, DeterministicPolicy, load_policy, save_policy
+from romgrl.algorithms.ppo import PPO, PPOPolicy, load_ppo_policy, save_ppo_policy
 from romgrl.algorithms.rollout_buffer import Rollout
 from romgrl.algorithms.second_thread import second_lane
 from romgrl.artifacts.checkpoint import State
@@ -43,9 +43,9 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
     with second_lane(config.threads > 1) as lane:
         ppo = build_learner(config, env, lane)
         with closing(env):
-            train(config, env, ppo, log, output, save=lambda: save_policy(path, ppo))
-    save_policy(path, ppo)
-    row = describe(check_gait(config, load_policy(path)), target_speed=config.teacher.speed)
+            train(config, env, ppo, log, output, save=lambda: save_ppo_policy(path, ppo))
+    save_ppo_policy(path, ppo)
+    row = describe(check_gait(config, load_ppo_policy(path)), target_speed=config.teacher.speed)
     write_row(output / "gait.csv", {"walker": "teacher", **row})
     log.message(
         f"{row['falls']:.0f} falls in {CHECK_EPISODES} episodes, {row['mean_speed_m_per_s']:.2f} m/s, "
@@ -202,13 +202,13 @@ class EpisodeTally:
         return values
 
 
-def check_gait(config: Config, policy: DeterministicPolicy) -> Gait:
+def check_gait(config: Config, policy: PPOPolicy) -> Gait:
     """CHECK_EPISODES x CHECK_STEPS of the finished policy, from resets that the training did not see."""
     env = rom_env(config, num_envs=CHECK_EPISODES, episode_steps=CHECK_STEPS + 1)
     return record(env, policy, steps=CHECK_STEPS, seed=config.seed + 10_000)
 
 
-def record(env: RomVectorEnv, policy: DeterministicPolicy, *, steps: int, seed: int) -> Gait:
+def record(env: RomVectorEnv, policy: PPOPolicy, *, steps: int, seed: int) -> Gait:
     """One episode of `steps` steps in each environment; what follows a fall is marked invalid."""
     features = np.zeros((env.num_envs, steps, 5), np.float32)
     velocity = np.zeros((env.num_envs, steps), np.float32)

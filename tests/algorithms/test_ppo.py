@@ -7,20 +7,21 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from torch import nn
 
-from romgrl.algorithms.networks.mlp import initialise_orthogonal, mlp
 from romgrl.algorithms.ppo import (
     PPO,
     Minibatch,
     clipped_policy_loss,
-    gaussian_entropy,
     gaussian_log_probability,
-    load_policy,
-    save_policy,
+    load_ppo_policy,
+    save_ppo_policy,
 )
 from romgrl.algorithms.rollout_buffer import Rollout, compute_gae
 from romgrl.algorithms.second_thread import second_lane
+from romgrl.artifacts import load_tensors
 from romgrl.gait.symmetry import Mirror, unsigned
+from tests.helpers.automatic_gradients import forward_by_autograd
 
 NEVER = torch.zeros(3, 1, dtype=torch.bool)
 
@@ -63,9 +64,17 @@ def filled_rollout(seed: int = 0) -> Rollout:
     return rollout
 
 
-def log_density(ppo: PPO, observations: torch.Tensor, actions: torch.Tensor) -> torch.Tensor:
-    normal = torch.distributions.Normal(ppo.policy(observations), ppo.log_std.exp())
-    return normal.log_prob(actions).sum(-1)
+def networks(ppo: PPO, weights: torch.Tensor, observations: torch.Tensor) -> tuple[torch.Tensor, ...]:
+    """Means and log standard deviation of the actions, and values, differentiable by the learner's `weights`."""
+    activation = str(ppo.spec["activation"])
+    policy, value, log_std = weights.split([len(ppo.policy.flat), len(ppo.value.flat), len(ppo.log_std)])
+    flat = observations.flatten(0, -2)
+    mean = forward_by_autograd(ppo.policy, activation, policy, flat).view(*observations.shape[:-1], -1)
+    return mean, log_std, forward_by_autograd(ppo.value, activation, value, flat).view(observations.shape[:-1])
+
+
+def normal(mean: torch.Tensor, log_std: torch.Tensor) -> torch.distributions.Independent:
+    return torch.distributions.Independent(torch.distributions.Normal(mean, log_std.exp()), 1)
 
 
 # Rewards 1, 2, 3; values 0.5, 1, 1.5; gamma 0.5, lambda 0.5.
@@ -110,9 +119,8 @@ def test_truncated_step_bootstraps_from_the_final_observation() -> None:
     rollout = filled_rollout()
     rollout.truncated[3, 1] = True
     rollout.terminated[5, 2] = True
-    with torch.no_grad():
-        values = ppo.value(rollout.observations).squeeze(-1).numpy()
-        final = ppo.value(rollout.next_observations).squeeze(-1).numpy()
+    values = networks(ppo, ppo.weights, rollout.observations)[-1].numpy()
+    final = networks(ppo, ppo.weights, rollout.next_observations)[-1].numpy()
     _, returns = ppo._advantages(rollout)
     rewards = rollout.rewards.numpy()
     assert returns[3, 1].item() == pytest.approx(rewards[3, 1] + 0.9 * final[3, 1], abs=1e-5)
@@ -139,20 +147,20 @@ def test_clipped_loss_stops_the_gradient_beyond_the_clip() -> None:
     torch.testing.assert_close(log_ratio.grad, torch.tensor([0.0, -0.125, 0.375, 0.0]))
 
 
-def test_gaussian_density_and_entropy() -> None:
+def test_gaussian_density() -> None:
     # N(0.5; 0, 2) x N(-1; 1, 0.5): exponents -0.03125 and -8, sum of log std 0, log(2 pi) once for two halves.
     log_std = torch.tensor([math.log(2.0), math.log(0.5)])
     scaled = (torch.tensor([[0.5, -1.0]]) - torch.tensor([[0.0, 1.0]])) / log_std.exp()
     density = gaussian_log_probability(scaled, log_std)
     assert density.item() == pytest.approx(-8.03125 - math.log(2 * math.pi), abs=1e-6)
-    assert gaussian_entropy(log_std).item() == pytest.approx(1.0 + math.log(2 * math.pi), abs=1e-6)
 
 
 def test_act_returns_the_density_of_its_own_action() -> None:
     ppo = make_ppo()
     observation = torch.randn(5, 3, generator=torch.Generator().manual_seed(1))
     action, log_probability = ppo.act(observation)
-    torch.testing.assert_close(log_probability, log_density(ppo, observation, action))
+    mean, log_std, _ = networks(ppo, ppo.weights, observation)
+    torch.testing.assert_close(log_probability, normal(mean, log_std).log_prob(action))
 
 
 def test_half_of_each_minibatch_is_mirrored(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -216,19 +224,19 @@ def test_gradients_are_those_of_automatic_differentiation(activation: str, hidde
     """In float64, with ratios on both sides of the clip, an entropy bonus, and half of the minibatch mirrored."""
     pair = Mirror(np.array([1, 0, 2]), np.array([1.0, 1.0, -1.0], np.float32))
     mirrors = {"mirror_observation": pair, "mirror_action": pair.kept(np.arange(2))}
-    settings: dict[str, Any] = {"activation": activation, "hidden_sizes": hidden_sizes, "entropy_coefficient": 0.03}
+    settings: dict[str, Any] = {"activation": activation, "hidden_sizes": hidden_sizes, "minibatch_size": 32}
     torch.set_default_dtype(torch.float64)
     try:
-        ppo = make_ppo(**settings, **mirrors)
+        ppo = make_ppo(**settings, **mirrors, entropy_coefficient=0.03)
     finally:
         torch.set_default_dtype(torch.float32)
     generator = torch.Generator().manual_seed(1)
-    for parameter in ppo.parameters:
-        parameter.add_(torch.randn(parameter.shape, generator=generator, dtype=torch.float64), alpha=0.3)
+    ppo.weights.add_(torch.randn(ppo.weights.shape, generator=generator, dtype=torch.float64), alpha=0.2)
     rollout = filled_rollout()
     for name, tensor in vars(rollout).items():
         setattr(rollout, name, tensor.double() if tensor.is_floating_point() else tensor)
-    rollout.log_probabilities = log_density(ppo, rollout.observations, rollout.actions)
+    mean, log_std, _ = networks(ppo, ppo.weights, rollout.observations)
+    rollout.log_probabilities = normal(mean, log_std).log_prob(rollout.actions)
     rollout.log_probabilities += 0.5 * torch.randn(8, 4, generator=generator, dtype=torch.float64)
     samples = ppo._samples(rollout, rollout.rewards, rollout.rewards.exp())
     minibatch = next(ppo._minibatches(samples, 32))
@@ -237,19 +245,18 @@ def test_gradients_are_those_of_automatic_differentiation(activation: str, hidde
     ppo.value_gradient(minibatch)
     written_out = ppo.gradient.clone()
 
-    for parameter in ppo.parameters:
-        parameter.requires_grad_(True)
-    by_autograd = log_density(ppo, minibatch.observations, minibatch.actions) - minibatch.log_probabilities
-    values = ppo.value(minibatch.observations).squeeze(-1)
+    weights = ppo.weights.clone().requires_grad_()
+    mean, log_std, values = networks(ppo, weights, minibatch.observations)
+    by_autograd = normal(mean, log_std).log_prob(minibatch.actions) - minibatch.log_probabilities
     loss = clipped_policy_loss(by_autograd, minibatch.advantages, ppo.clip_ratio)
     loss = loss + ppo.value_coefficient * 0.5 * (values - minibatch.returns).square().mean()
-    loss = loss - 0.03 * gaussian_entropy(ppo.log_std)
-    expected = torch.autograd.grad(loss, ppo.parameters)
+    loss = loss - 0.03 * normal(mean, log_std).entropy().mean()
+    (expected,) = torch.autograd.grad(loss, weights)
 
     torch.testing.assert_close(log_ratio, by_autograd, rtol=0, atol=1e-12)
     clipped = (log_ratio.exp() - 1.0).abs() > ppo.clip_ratio
     assert 0.2 < clipped.double().mean() < 0.9
-    torch.testing.assert_close(written_out, torch.cat([x.flatten() for x in expected]), rtol=1e-9, atol=1e-12)
+    torch.testing.assert_close(written_out, expected, rtol=1e-9, atol=1e-12)
 
 
 def test_gradient_is_clipped_over_both_networks() -> None:
@@ -271,7 +278,7 @@ def test_second_lane_changes_no_bit() -> None:
         with second_lane(wanted) as lane:
             ppo = make_ppo(seed=3, lane=lane)
             losses = [ppo.update(filled_rollout(seed)) for seed in range(3)]
-        return torch.cat([torch.nn.utils.parameters_to_vector(ppo.parameters), torch.tensor([*losses[-1].values()])])
+        return torch.cat([ppo.weights, torch.tensor([*losses[-1].values()])])
 
     assert torch.equal(trained(False), trained(True))
 
@@ -280,7 +287,7 @@ def test_same_seed_same_weights() -> None:
     def trained() -> torch.Tensor:
         ppo = make_ppo(seed=3)
         ppo.update(filled_rollout())
-        return torch.nn.utils.parameters_to_vector(ppo.parameters)
+        return ppo.weights
 
     assert torch.equal(trained(), trained())
 
@@ -289,8 +296,7 @@ def test_learning_rate_scale() -> None:
     ppo = make_ppo()
     ppo.update(filled_rollout(), learning_rate_scale=0.0)
     fresh = make_ppo()
-    for updated, initial in zip(ppo.parameters, fresh.parameters, strict=True):
-        torch.testing.assert_close(updated, initial, rtol=0, atol=0)
+    torch.testing.assert_close(ppo.weights, fresh.weights, rtol=0, atol=0)
 
 
 def test_ppo_solves_a_bandit() -> None:
@@ -306,37 +312,26 @@ def test_ppo_solves_a_bandit() -> None:
             ended = np.ones(32, bool)
             rollout.store_outcome(step, reward.numpy(), ended, ~ended, nothing.numpy())
         ppo.update(rollout)
-    with torch.no_grad():
-        torch.testing.assert_close(ppo.policy(nothing[:1]), torch.full((1, 2), 0.5), rtol=0, atol=0.05)
+    mean, _, _ = networks(ppo, ppo.weights, nothing[:1])
+    torch.testing.assert_close(mean, torch.full((1, 2), 0.5), rtol=0, atol=0.05)
 
 
-def test_policy_round_trip(tmp_path: Path) -> None:
-    ppo = make_ppo(activation="elu")
+@pytest.mark.parametrize("activation", ["tanh", "elu"])
+def test_policy_round_trip(activation: str, tmp_path: Path) -> None:
+    """The loaded policy is what torch's own layers make of the tensors in the file, to the last bit."""
+    ppo = make_ppo(activation=activation)
+    ppo.policy.weights[-1].mul_(300.0)
+    path = tmp_path / "policy.safetensors"
+    save_ppo_policy(path, ppo)
+    function = {"tanh": nn.Tanh, "elu": nn.ELU}[activation]
+    network = nn.Sequential(nn.Linear(3, 16), function(), nn.Linear(16, 16), function(), nn.Linear(16, 2))
+    tensors, _ = load_tensors(path)
+    assert torch.equal(tensors.pop("log_std"), ppo.log_std)
+    network.load_state_dict(tensors)
+    observation = np.random.default_rng(0).normal(size=(40, 3)).astype(np.float32)
     with torch.no_grad():
-        ppo.policy[-1].weight.mul_(300.0)
-    save_policy(tmp_path / "policy.safetensors", ppo)
-    policy = load_policy(tmp_path / "policy.safetensors")
-    observation = np.random.default_rng(0).normal(size=(7, 3)).astype(np.float32)
-    with torch.no_grad():
-        expected = ppo.policy(torch.from_numpy(observation)).clamp(-1.0, 1.0).numpy()
-    action = policy(observation)
+        expected = network(torch.from_numpy(observation)).clamp(-1.0, 1.0).numpy()
+    action = load_ppo_policy(path)(observation)
     assert action.dtype == np.float32
     assert (np.abs(action) == 1.0).any()
     np.testing.assert_array_equal(action, expected)
-
-
-@pytest.mark.parametrize("layer_norm", [False, True])
-def test_mlp_layers(layer_norm: bool) -> None:
-    network = mlp(20, [512, 512], 2, "relu", layer_norm)
-    weights = 20 * 512 + 512 + 512 * 512 + 512 + 512 * 2 + 2
-    assert sum(p.numel() for p in network.parameters()) == weights + (4 * 512 if layer_norm else 0)
-    with pytest.raises(ValueError, match="activation"):
-        mlp(2, [2], 1, "swish")
-
-
-def test_orthogonal_initialisation() -> None:
-    network = mlp(4, [8, 8], 2, "tanh")
-    initialise_orthogonal(network, output_gain=0.01)
-    hidden, output = network[2].weight.detach(), network[4].weight.detach()
-    torch.testing.assert_close(hidden @ hidden.T, 2.0 * torch.eye(8), rtol=0, atol=1e-5)
-    torch.testing.assert_close(output @ output.T, 1e-4 * torch.eye(2), rtol=0, atol=1e-8)

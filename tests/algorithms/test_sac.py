@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 import torch
 from scipy import integrate
-from torch.nn import functional
 
 from romgrl.algorithms.networks.squashed_gaussian import head_gradient, log_density, sample
 from romgrl.algorithms.networks.stacked_mlp import StackedMLP
 from romgrl.algorithms.replay_buffer import Batch
-from romgrl.algorithms.sac import SAC, load_policy, save_policy
+from romgrl.algorithms.sac import SAC, load_sac_policy, save_sac_policy
 from romgrl.algorithms.second_thread import second_lane
+from tests.helpers.automatic_gradients import forward_by_autograd
 
 SETTINGS = {
     "observation_size": 3,
@@ -100,50 +100,6 @@ def test_bellman_target(join: str, reduce: Callable[..., np.ndarray]) -> None:
     np.testing.assert_allclose(target[::4], reward.numpy()[::4], atol=1e-7)
 
 
-def forward_by_autograd(network: StackedMLP, flat: torch.Tensor, inputs: torch.Tensor) -> torch.Tensor:
-    """The network's outputs (S, B, O) by torch's own operations, differentiable by `flat` and inputs."""
-    x, start = inputs.expand(network.stack, -1, -1), 0
-    for layer, (weight, bias) in enumerate(zip(network.weights, network.biases, strict=True)):
-        own = [flat[start : start + weight.numel()].view_as(weight)]
-        start += weight.numel()
-        own.append(flat[start : start + bias.numel()].view_as(bias))
-        start += bias.numel()
-        x = torch.baddbmm(own[1], x, own[0])
-        if layer < len(network.weights) - 1:
-            x = functional.relu(functional.layer_norm(x, x.shape[-1:]) if network.layer_norm else x)
-    return x
-
-
-@pytest.mark.parametrize("outputs", [1, 4])
-@pytest.mark.parametrize("layer_norm", [False, True])
-def test_gradients_of_the_network_equal_automatic_ones(layer_norm: bool, outputs: int) -> None:
-    torch.manual_seed(0)
-    network = StackedMLP(
-        stack=2, inputs=7, hidden_sizes=[16, 12], outputs=outputs, layer_norm=layer_norm, dtype=torch.float64
-    )
-    inputs, tape = torch.randn(9, 7, dtype=torch.float64), network.tape(9)
-    by_output = torch.randn(2, 9, outputs, dtype=torch.float64)
-    flat, leaf = network.flat.clone().requires_grad_(), inputs.clone().requires_grad_()
-    expected = forward_by_autograd(network, flat, leaf)
-    (expected * by_output).sum().backward()
-    assert flat.grad is not None
-    assert leaf.grad is not None
-    torch.testing.assert_close(network.forward(inputs, tape), expected.detach(), rtol=1e-12, atol=1e-12)
-    by_input = network.backward(by_output, tape, inputs=slice(5, 7))
-    torch.testing.assert_close(network.gradient, flat.grad, rtol=1e-10, atol=1e-12)
-    torch.testing.assert_close(by_input, leaf.grad[:, 5:7], rtol=1e-10, atol=1e-12)
-
-
-def test_gradients_are_only_written_where_they_are_wanted() -> None:
-    network = StackedMLP(stack=2, inputs=3, hidden_sizes=[4], outputs=1, layer_norm=True)
-    tape = network.tape(5)
-    network.forward(torch.ones(5, 3), tape)
-    assert network.backward(torch.ones(2, 5, 1), tape, weights=False).numel() == 0
-    assert not network.gradient.any()
-    network.backward(torch.ones(2, 5, 1), tape)
-    assert network.gradient.any()
-
-
 def test_gradient_through_the_squashed_gaussian_equals_the_automatic_one() -> None:
     torch.manual_seed(0)
     head, noise = torch.randn(6, 4, dtype=torch.float64, requires_grad=True), torch.randn(6, 2, dtype=torch.float64)
@@ -167,11 +123,11 @@ def test_gradients_of_an_update_equal_those_of_its_losses(join: str, layer_norm:
     following = sac.sample(batch.next_observation, noise, "test")
     target = sac.bellman_target(batch, reward, following)
     inputs = torch.cat((batch.observation, batch.action), -1)
-    (forward_by_autograd(sac.critic, critic, inputs).squeeze(-1) - target).square().mean(1).sum().backward()
-    drawn = sample(forward_by_autograd(sac.policy, policy, batch.observation)[0], noise)
-    values = forward_by_autograd(sac.critic, critic.detach(), torch.cat((batch.observation, drawn.action), -1)).squeeze(
-        -1
-    )
+    (forward_by_autograd(sac.critic, "relu", critic, inputs).squeeze(-1) - target).square().mean(1).sum().backward()
+    drawn = sample(forward_by_autograd(sac.policy, "relu", policy, batch.observation)[0], noise)
+    values = forward_by_autograd(
+        sac.critic, "relu", critic.detach(), torch.cat((batch.observation, drawn.action), -1)
+    ).squeeze(-1)
     value = values.amin(0) if join == "minimum" else values.mean(0)
     (0.2 * drawn.log_probability - value).mean().backward()
     (temperature.exp() * (-drawn.log_probability.mean().detach() - sac.target_entropy)).sum().backward()
@@ -246,8 +202,8 @@ def test_policy_sees_the_critics_of_before_only_where_gradients_are_simultaneous
 def test_policy_file_rebuilds_the_averaged_policy(tmp_path: Path) -> None:
     sac = SAC(**SETTINGS)
     columns, mean, scale = torch.tensor([4, 0, 2]), torch.ones(3), torch.full((3,), 2.0)
-    save_policy(tmp_path / "policy.safetensors", sac, columns, mean, scale)
+    save_sac_policy(tmp_path / "policy.safetensors", sac, columns, mean, scale)
     observation = np.arange(10, dtype=np.float32).reshape(2, 5)
     inputs = (torch.from_numpy(observation)[:, [4, 0, 2]] - 1) * 2
     expected = sac.average.forward(inputs, sac.average.tape(2))[0, :, :2].tanh()
-    np.testing.assert_array_equal(load_policy(tmp_path / "policy.safetensors")(observation), expected.numpy())
+    np.testing.assert_array_equal(load_sac_policy(tmp_path / "policy.safetensors")(observation), expected.numpy())

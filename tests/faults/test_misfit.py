@@ -71,7 +71,7 @@ def teacher(path: Path, *, observation: int = 20, hidden: int = 32, activation: 
         max_gradient_norm=1.0,
         initial_log_std=0.0,
     )
-    ppo.save_policy(path, learner)
+    ppo.save_ppo_policy(path, learner)
 
 
 class Bench:
@@ -364,13 +364,13 @@ def test_another_humanoid_is_told_in_words(tmp_path: Path) -> None:
     path, now = tmp_path / "policy.safetensors", model.identity(model.build(mass=95.0))
     write_walker(path, humanoid=model.identity(model.build(mass=71.8)))
     with pytest.raises(ArtifactError) as error:
-        sac.load_policy(path, humanoid=now)
+        sac.load_sac_policy(path, humanoid=now)
     assert str(error.value) == f"{path}: trained on another humanoid: mass 71.8 kg in training, 95 kg now"
     write_walker(path, humanoid=now | {"fingerprint": "of other names"})
     with pytest.raises(ArtifactError, match="another humanoid: other names of bodies, joints or actuators"):
-        sac.load_policy(path, humanoid=now)
+        sac.load_sac_policy(path, humanoid=now)
     write_walker(path, humanoid=model.fingerprint(model.build()))
     with pytest.raises(ArtifactError, match=r"another humanoid: it does not say which; this one: mass 95 kg, "):
-        sac.load_policy(path, humanoid=now)
+        sac.load_sac_policy(path, humanoid=now)
     write_walker(path, humanoid=now["fingerprint"])
-    sac.load_policy(path, humanoid=now)
+    sac.load_sac_policy(path, humanoid=now)

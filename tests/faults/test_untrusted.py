@@ -126,7 +126,7 @@ def test_code_in_an_artifact_is_refused_and_not_executed(mark: Path, tmp_path: P
             with pytest.raises(ArtifactError, match=r"reference\.npz: cannot be read"):
                 load_arrays(place / name)
         elif name.endswith("safetensors"):
-            for load in (ppo.load_policy, sac.load_policy):
+            for load in (ppo.load_ppo_policy, sac.load_sac_policy):
                 with pytest.raises(ArtifactError, match=r"policy\.safetensors: "):
                     load(place / name)
         assert not mark.exists(), case

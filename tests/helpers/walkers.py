@@ -6,7 +6,7 @@ from pathlib import Path
 
 import torch
 
-from romgrl.algorithms.sac import SAC, save_policy
+from romgrl.algorithms.sac import SAC, save_sac_policy
 
 
 def write_walker(
@@ -30,4 +30,4 @@ def write_walker(
         policy_average=0.9,
         seed=seed,
     )
-    save_policy(path, learner, torch.arange(columns - 10, columns), torch.zeros(10), torch.ones(10), humanoid)
+    save_sac_policy(path, learner, torch.arange(columns - 10, columns), torch.zeros(10), torch.ones(10), humanoid)

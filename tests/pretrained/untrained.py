@@ -8,7 +8,7 @@ from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
-from romgrl.algorithms.ppo import save_policy
+from romgrl.algorithms.ppo import save_ppo_policy
 from romgrl.artifacts import Manifest, write_manifest
 from romgrl.config.schema import Config
 from romgrl.humanoid.model import configured, fingerprint
@@ -23,7 +23,7 @@ from tests.helpers.walkers import write_walker
 
 def teacher(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog) -> None:
     with closing(rom_env(config, num_envs=1, episode_steps=10)) as env:
-        save_policy(output / "policy.safetensors", build_learner(config, env))
+        save_ppo_policy(output / "policy.safetensors", build_learner(config, env))
     log.metrics({"speed": 1.0}, 10)
 
 

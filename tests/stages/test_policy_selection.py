@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 import torch
 
-from romgrl.algorithms.sac import SAC, load_policy
+from romgrl.algorithms.sac import SAC, load_sac_policy
 from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import student
 from romgrl.stages.training import policy_selection
@@ -69,7 +69,7 @@ def test_the_one_that_earns_most_is_kept(
     monkeypatch.setattr(policy_selection, "earned", lambda *_, **__: {"reward": next(calls), "upright_share": 1.0})
     student.run(compose_config(*BASELINE), {}, tmp_path, SilentLog())
     (candidates,) = kept
-    policy = load_policy(tmp_path / "policy.safetensors")
+    policy = load_sac_policy(tmp_path / "policy.safetensors")
     assert torch.equal(policy.policy.flat, candidates.weights[best])
     assert torch.equal(policy.mean, candidates.moments[best][0])
     assert not torch.equal(candidates.weights[best], candidates.weights[best - 1])
@@ -86,7 +86,7 @@ def test_reward_counts_until_the_first_fall(compose_config: Composer, monkeypatc
     monkeypatch.setattr(type(env.task), "reward", lambda *_: 1.0 + 0 * _[1])
     network = policy_selection.StackedMLP(stack=1, **learner.sac.network)
     network.flat.copy_(learner.sac.average.flat)
-    policy = policy_selection.DeterministicPolicy(network, torch.arange(358), torch.zeros(358), torch.ones(358))
+    policy = policy_selection.SACPolicy(network, torch.arange(358), torch.zeros(358), torch.ones(358))
     earned = policy_selection.earned(env, policy, learner, student.window_layout(config), seed=0)
     assert isinstance(learner.sac, SAC)
     assert earned["upright_share"] == 0.0

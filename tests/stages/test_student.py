@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from romgrl.algorithms.networks.running_normalizer import RunningNormalizer
 from romgrl.algorithms.replay_buffer import ReplayBuffer
 from romgrl.algorithms.rom_grl import RomGrl
-from romgrl.algorithms.sac import load_policy
+from romgrl.algorithms.sac import load_sac_policy
 from romgrl.artifacts import load_tensors, save_arrays
 from romgrl.config.schema import Config
 from romgrl.runtime.stage_log import SilentLog
@@ -97,7 +97,7 @@ def test_the_baseline_knows_no_discriminator(configuration: Composer, tmp_path: 
     log = SilentLog()
     student.run(configuration("student.total_steps=4096", "discriminator=none", "eta=1"), {}, tmp_path, log)
     assert not [name for name in log.rows[-1][1] if name.startswith(("discriminator", "imitation"))]
-    action = load_policy(tmp_path / "policy.safetensors")(np.zeros((3, 358), dtype=np.float32))
+    action = load_sac_policy(tmp_path / "policy.safetensors")(np.zeros((3, 358), dtype=np.float32))
     assert action.shape == (3, 21)
     assert np.abs(action).max() <= 1
 
@@ -108,7 +108,7 @@ def test_an_interrupted_training_leaves_its_policy(
     monkeypatch.setattr(SilentLog, "progress", interrupt)
     with pytest.raises(KeyboardInterrupt):
         student.run(configuration("student.total_steps=9000", "discriminator=none", "eta=1"), {}, tmp_path, SilentLog())
-    load_policy(tmp_path / "policy.safetensors")
+    load_sac_policy(tmp_path / "policy.safetensors")
 
 
 def test_running_normalizer_equals_the_moments_of_all_it_saw() -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from romgrl.algorithms.ppo import load_policy
+from romgrl.algorithms.ppo import load_ppo_policy
 from romgrl.artifacts import load_arrays, load_tensors
 from romgrl.config.schema import Config
 from romgrl.errors import ArtifactError, DivergenceError
@@ -63,7 +63,7 @@ def test_two_runs_of_5000_steps_give_identical_weights(compose_config: Composer,
 @pytest.mark.usefixtures("_short_check")
 def test_stage_writes_policy_curve_and_gait(compose_config: Composer, tmp_path: Path) -> None:
     log = train(compose_config(*SMALL, "teacher.total_steps=1000"), tmp_path / "run")
-    policy = load_policy(tmp_path / "run" / "policy.safetensors")
+    policy = load_ppo_policy(tmp_path / "run" / "policy.safetensors")
     assert policy(np.zeros((3, 20), np.float32)).shape == (3, 2)
     with (tmp_path / "run" / "gait.csv").open(encoding="utf-8") as file:
         (row,) = csv.DictReader(file)
@@ -87,7 +87,7 @@ def test_interrupted_training_saves_its_policy(
     monkeypatch.setattr(SilentLog, "progress", interrupt)
     with pytest.raises(KeyboardInterrupt):
         train(compose_config(*SMALL), tmp_path / "run")
-    assert load_policy(tmp_path / "run" / "policy.safetensors")(np.zeros((1, 20), np.float32)).shape == (1, 2)
+    assert load_ppo_policy(tmp_path / "run" / "policy.safetensors")(np.zeros((1, 20), np.float32)).shape == (1, 2)
 
 
 @pytest.mark.usefixtures("_short_check")

@@ -14,7 +14,7 @@ from torch import Tensor
 
 from romgrl.algorithms.networks.stacked_mlp import StackedMLP
 from romgrl.algorithms.rom_grl import RomGrl
-from romgrl.algorithms.sac import DeterministicPolicy
+from romgrl.algorithms.sac import SACPolicy
 from romgrl.config.schema import Config
 from romgrl.gait.discriminator_windows import FrameWindows, WindowLayout
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
@@ -76,7 +76,7 @@ def choose(
     network, rows = StackedMLP(stack=1, **learner.sac.network), []
     for step, weights, moments in zip(candidates.steps, candidates.weights, candidates.moments, strict=True):
         network.flat.copy_(weights)
-        policy = DeterministicPolicy(network, columns, *(part.cpu() for part in moments))
+        policy = SACPolicy(network, columns, *(part.cpu() for part in moments))
         rows.append({"step": step, **earned(env, policy, learner, layout, seed=config.seed)})
     env.close()
     table = pd.DataFrame(rows)
@@ -89,7 +89,7 @@ def choose(
 
 
 def earned(
-    env: PlanarHumanoidVectorEnv, policy: DeterministicPolicy, learner: RomGrl, layout: WindowLayout, *, seed: int
+    env: PlanarHumanoidVectorEnv, policy: SACPolicy, learner: RomGrl, layout: WindowLayout, *, seed: int
 ) -> dict[str, float]:
     """Total reward per step, nothing after a fall, and share of episodes upright to the end, from the same resets."""
     observation, info = env.reset(seed=seed)

@@ -11,7 +11,7 @@ from romgrl.config.schema import Config
 from romgrl.rom.interface import RomVectorEnv
 
 
-def read_teacher(directory: Path, config: Config, env: RomVectorEnv) -> ppo.DeterministicPolicy:
+def read_teacher(directory: Path, config: Config, env: RomVectorEnv) -> ppo.PPOPolicy:
     """The policy of the teacher for the reduced-order model that it is to walk."""
     fits: dict[str, object] = {
         "input_size": flatdim(env.single_observation_space),
@@ -19,4 +19,4 @@ def read_teacher(directory: Path, config: Config, env: RomVectorEnv) -> ppo.Dete
         "hidden_sizes": list(config.teacher.hidden_sizes),
         "activation": config.teacher.activation,
     }
-    return ppo.load_policy(directory / "policy.safetensors", fits)
+    return ppo.load_ppo_policy(directory / "policy.safetensors", fits)

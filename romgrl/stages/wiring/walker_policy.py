@@ -12,10 +12,10 @@ from romgrl.humanoid.model import identity
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 
 
-def read_walker(directory: Path, env: PlanarHumanoidVectorEnv) -> sac.DeterministicPolicy:
+def read_walker(directory: Path, env: PlanarHumanoidVectorEnv) -> sac.SACPolicy:
     """The policy of student or baseline for the humanoid that it is to walk."""
     path = directory / "policy.safetensors"
-    policy = sac.load_policy(path, humanoid=identity(env.model))
+    policy = sac.load_sac_policy(path, humanoid=identity(env.model))
     actions, observations = policy.policy.sizes[-1] // 2, flatdim(env.single_observation_space)
     if policy.policy.sizes[-1] != 2 * env.model.nu:
         raise ArtifactError(f"{path}: {actions} actions; needed: {env.model.nu}")
