@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from romgrl.config.fields import key
 
-SKELETONS = ("smpl",)
+SKELETONS = ("smpl",)  # of romgrl/humanoid/skeleton.py
 
 
 @dataclass

@@ -31,10 +31,9 @@ def hold_in_plane(spec: mujoco.MjSpec, skeleton: Skeleton = SMPL, *, actuation: 
             spec.delete(joint)
     for name in skeleton.hinges:
         spec.joint(kept[name]).name = name
-    for exclude in list(spec.excludes):
-        spec.delete(exclude)
-    for sensor in list(spec.sensors):
-        spec.delete(sensor)
+    named_before = (text for text in spec.texts if text.name == SKELETON_TEXT)
+    for unused in (*spec.excludes, *spec.sensors, *named_before):
+        spec.delete(unused)
     _add_root(bodies[skeleton.root], skeleton)
     for geom in spec.geoms:
         is_floor = geom.parent.name == "world"
