@@ -15,7 +15,6 @@ namespace py = pybind11;
 using romgrl::Body;
 using romgrl::kPosture;
 using romgrl::Landmarks;
-using romgrl::Motion;
 using romgrl::PlanarBodies;
 using romgrl::Posture;
 using romgrl::Vector;
@@ -67,9 +66,8 @@ void observe(const PlanarBodies& bodies, const py::array_t<double>& qpos, const 
     }
     py::gil_scoped_release release;
     std::vector<float> all(bodies.observation_size());
-    std::vector<Motion> motions(bodies.size());
     for (py::ssize_t row = 0; row < count; ++row) {
-        const Posture taken = bodies.observe(positions[row], velocities[row], motions.data(), all.data());
+        const Posture taken = bodies.observe(positions[row], velocities[row], all.data());
         std::memcpy(pose + row * kPosture, &taken, sizeof taken);
         for (py::ssize_t k = 0; k < width; ++k) *seen++ = all[column[k]];
     }

@@ -10,6 +10,19 @@ namespace romgrl {
 
 namespace {
 
+struct Turn {
+    double cosine, sine;
+
+    // A positive angle about y turns z towards x.
+    Vector apply(const Vector& v) const { return {cosine * v[0] + sine * v[2], v[1], cosine * v[2] - sine * v[0]}; }
+};
+
+struct Motion {
+    double angle, rate;  // of the orientation since rest
+    Turn turn;
+    Vector position, velocity;
+};
+
 // Writes a vector as seen from the heading frame, which is the world or the world turned by half a turn about z.
 float* put(float* out, const Vector& v, double heading) {
     out[0] = static_cast<float>(heading * v[0]);
@@ -22,7 +35,7 @@ float* put(float* out, const Vector& v, double heading) {
 
 PlanarBodies::PlanarBodies(std::vector<Body> bodies, Landmarks landmarks, std::vector<double> rest)
     : bodies_(std::move(bodies)), landmarks_(landmarks), rest_(std::move(rest)) {
-    if (bodies_.empty()) throw std::invalid_argument("there must be a body");
+    if (size() < 1 || size() > kMostBodies) throw std::invalid_argument("there must be 1 to 64 bodies");
     for (int i = 0; i < size(); ++i) {
         const Body& body = bodies_[i];
         const bool ordered = i == 0 ? body.parent == -1 : body.parent >= 0 && body.parent < i;
@@ -44,16 +57,16 @@ double PlanarBodies::fastest(const double* qpos, const double* qvel) const {
     return largest;
 }
 
-Posture PlanarBodies::observe(const double* qpos, const double* qvel, Motion* motions, float* observation) const {
+Posture PlanarBodies::observe(const double* qpos, const double* qvel, float* __restrict observation) const {
     const int count = size();
+    std::array<Motion, kMostBodies> motions;  // nothing else points to it, unlike a vector: a quarter faster
+    motions[0] = {0.0, 0.0, {1.0, 0.0}, bodies_[0].offset, {qvel[kRootX], 0.0, qvel[kRootZ]}};
+    motions[0].position[0] += qpos[kRootX] - rest_[kRootX];
+    motions[0].position[2] += qpos[kRootZ] - rest_[kRootZ];
     for (int i = 0; i < count; ++i) {
         const Body& body = bodies_[i];
         Motion& motion = motions[i];
-        if (body.parent < 0) {
-            motion = {0.0, 0.0, {1.0, 0.0}, body.offset, {qvel[kRootX], 0.0, qvel[kRootZ]}};
-            motion.position[0] += qpos[kRootX] - rest_[kRootX];
-            motion.position[2] += qpos[kRootZ] - rest_[kRootZ];
-        } else {
+        if (i > 0) {
             const Motion& parent = motions[body.parent];
             const Vector arm = parent.turn.apply(body.offset);
             motion = parent;

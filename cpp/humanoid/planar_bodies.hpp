@@ -11,6 +11,7 @@ namespace romgrl {
 
 using Vector = std::array<double, 3>;
 
+constexpr int kMostBodies = 64;
 constexpr int kRootX = 0, kRootZ = 1;  // columns of qpos and qvel
 
 struct Body {
@@ -23,19 +24,6 @@ struct Body {
 // The bodies that a posture is measured at, beside the first one, the pelvis.
 struct Landmarks {
     int left_ankle, right_ankle, neck, head;
-};
-
-struct Turn {
-    double cosine, sine;
-
-    // A positive angle about y turns z towards x.
-    Vector apply(const Vector& v) const { return {cosine * v[0] + sine * v[2], v[1], cosine * v[2] - sine * v[0]}; }
-};
-
-struct Motion {
-    double angle, rate;  // of the orientation since rest
-    Turn turn;
-    Vector position, velocity;
 };
 
 // Heights above the ground, ankles relative to the pelvis, the lean of the line from pelvis to neck (forward positive) and
@@ -57,8 +45,8 @@ class PlanarBodies {
     // Height; positions of all bodies but the first; two axes and two velocities of each.
     int observation_size() const { return 1 + 3 * (size() - 1) + 12 * size(); }
 
-    // Writes HumEnv's observation (observation_size) of one state and returns its posture; motions: scratch, one per body.
-    Posture observe(const double* qpos, const double* qvel, Motion* motions, float* observation) const;
+    // Writes HumEnv's observation (observation_size) of one state and returns its posture.
+    Posture observe(const double* qpos, const double* qvel, float* observation) const;
 
   private:
     double fastest(const double* qpos, const double* qvel) const;

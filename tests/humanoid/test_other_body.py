@@ -13,6 +13,7 @@ import pytest
 
 from romgrl.config.schema import Config
 from romgrl.errors import ConfigurationError
+from romgrl.humanoid import _core
 from romgrl.humanoid.changed_body import scaled
 from romgrl.humanoid.env import PlanarHumanoidEnv
 from romgrl.humanoid.joint_power import replay
@@ -238,6 +239,28 @@ def test_what_does_not_fit_is_refused(body: ModuleType) -> None:
         replace(body.WALKER, pushed="tail")
     with pytest.raises(ValueError, match="turns no axis of the root forward"):
         replace(body.WALKER, base_quaternion=(0.9, 0.1, 0.3, 0.3))
+
+
+def test_trees_that_the_observer_refuses() -> None:
+    def tree(bodies: int, head: int = 0) -> _core.PlanarBodies:
+        zeros = [[0.0, 0.0, 0.0]] * bodies
+        return _core.PlanarBodies(
+            parents=range(-1, bodies - 1),
+            joints=[-1] * bodies,
+            offsets=zeros,
+            x_axes=zeros,
+            z_axes=zeros,
+            rest=[0.0, 0.0],
+            left_ankle=0,
+            right_ankle=0,
+            neck=0,
+            head=head,
+        )
+
+    tree(64, head=63)
+    for bodies, head, reason in ((0, 0, "1 to 64 bodies"), (65, 0, "1 to 64 bodies"), (3, 3, "no such body")):
+        with pytest.raises(ValueError, match=reason):
+            tree(bodies, head)
 
 
 def test_configured(body: ModuleType, smoke_config: Config) -> None:
