@@ -268,3 +268,40 @@ def test_configured(body: ModuleType, smoke_config: Config) -> None:
 
     smoke_config.humanoid.xml, smoke_config.humanoid.skeleton = str(body.XML), "walker"
     assert skeleton_of(configured(smoke_config.humanoid)) is body.WALKER
+
+
+def test_arms_of_a_t_pose_hang_in_other_axes_too(body: ModuleType, tmp_path: Path) -> None:
+    """With a quarter turn about the forward axis, here the local x."""
+    text, servo = body.XML.read_text(encoding="utf-8"), ""
+    for side, out in (("left", 1), ("right", -1)):
+        geom = f'<geom fromto="0 0 0 0 {0.25 * out} 0" size="0.03" mass="1"/>'
+        arm = (
+            f'<body name="upper_arm_{side}" pos="0 {0.2 * out} 0.3"><joint name="upper_arm_{side}"/>{geom}'
+            f'<body name="forearm_{side}" pos="0 {0.3 * out} 0"><joint name="forearm_{side}" axis="0 0 1"/>{geom}'
+            "</body></body>"
+        )
+        text = text.replace('<body name="head"', arm + '<body name="head"')
+        servo += "".join(f'<general joint="{name}_{side}" class="waist"/>' for name in ("upper_arm", "forearm"))
+    text = text.replace("damping", 'range="-2 2" damping').replace("</actuator>", servo + "</actuator>")
+    (tmp_path / "arms.xml").write_text(text, encoding="utf-8")
+    tree = {name: parent for name, parent in body.WALKER.parents.items() if name != "head"}
+    for side in ("left", "right"):
+        tree |= {f"upper_arm_{side}": "trunk", f"forearm_{side}": f"upper_arm_{side}"}
+    armed = replace(
+        body.WALKER,
+        name="armed",
+        parents=tree | {"head": "trunk"},
+        left=body.WALKER.left._replace(shoulder="upper_arm_left", elbow="forearm_left"),
+    )
+    SKELETONS["armed"] = armed
+    data = mujoco.MjData(build(xml=tmp_path / "arms.xml", skeleton=armed))
+    mujoco.mj_kinematics(data.model, data)
+    for side in ("left", "right"):
+        drop = data.body(f"forearm_{side}").xpos - data.body(f"upper_arm_{side}").xpos
+        assert drop == pytest.approx([0, 0, -0.3], abs=1e-12)
+    assert np.abs(data.xaxis - [[1, 0, 0], [0, 0, 1], *[[0, 1, 0]] * 12]).max() < 1e-9
+    env = PlanarHumanoidVectorEnv(model=data.model, num_envs=4)
+    states = (env.reset(seed=0), env.states())[1]
+    mirrored = np.concatenate([armed.mirror_joints().image(part) for part in np.split(states, 2, axis=1)], axis=1)
+    image = env.mirror_observation.image(env.set_states(states))
+    assert np.abs(image - env.set_states(mirrored)).max() < 1e-6
