@@ -53,6 +53,7 @@ SAME_CONCEPT = {
     "run": "what a command, a job or a stage does",
     "serve": "what a process does that another one starts",
     "STAGES": "names in the schema, records in the graph; a test holds them equal",
+    "SKELETONS": "names in the schema, records in the room; a test holds them equal",
     "Discriminator": "its settings and itself",
     "GRAVITY": "of rooms that know nothing of each other",
     "CONFIDENCE": "of intervals",

@@ -9,8 +9,10 @@ from types import ModuleType
 import pytest
 
 from romgrl.algorithms.adversarial_losses import LOSSES
+from romgrl.algorithms.sac import load_policy
 from romgrl.cli.arguments import faults
 from romgrl.gait.measures import MEASURES
+from romgrl.humanoid.skeleton import SKELETONS
 from romgrl.provenance.stage_graph import STAGES
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "docs" / "examples"
@@ -19,7 +21,7 @@ EXAMPLES = Path(__file__).resolve().parents[1] / "docs" / "examples"
 @pytest.fixture(autouse=True)
 def registries_as_before() -> object:
     """What an example registers is gone after it."""
-    before = [(registry, dict(registry)) for registry in (LOSSES, MEASURES, STAGES)]
+    before = [(registry, dict(registry)) for registry in (LOSSES, MEASURES, SKELETONS, STAGES)]
     yield
     for registry, entries in before:
         registry.clear()
@@ -60,6 +62,11 @@ def test_a_stage() -> None:
     heights = [float(line.partition(",")[2]) for line in lines[1:]]
     assert heights == sorted(heights)
     assert 0.7 < heights[0] < heights[-1] < 1.1
+
+
+def test_another_body() -> None:
+    policy = load_policy(example("other_body").main(1000))
+    assert policy.policy.sizes[-1] == 2 * 7  # mean and spread for each of its hinges
 
 
 def test_sac_on_another_environment() -> None:

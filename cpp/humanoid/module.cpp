@@ -13,8 +13,8 @@
 
 namespace py = pybind11;
 using romgrl::Body;
-using romgrl::kObservation;
 using romgrl::kPosture;
+using romgrl::Landmarks;
 using romgrl::PlanarBodies;
 using romgrl::Posture;
 using romgrl::Vector;
@@ -62,24 +62,25 @@ void observe(const PlanarBodies& bodies, const py::array_t<double>& qpos, const 
     float* seen = writeable(observation, {count, width}, "observation");
     double* pose = writeable(posture, {count, kPosture}, "posture");
     for (py::ssize_t k = 0; k < width; ++k) {
-        if (column[k] < 0 || column[k] >= kObservation) throw py::value_error("no such column of the observation");
+        if (column[k] < 0 || column[k] >= bodies.observation_size()) throw py::value_error("no such column of the observation");
     }
     py::gil_scoped_release release;
-    float all[kObservation];
+    std::vector<float> all(bodies.observation_size());
     for (py::ssize_t row = 0; row < count; ++row) {
-        const Posture taken = bodies.observe(positions[row], velocities[row], all);
+        const Posture taken = bodies.observe(positions[row], velocities[row], all.data());
         std::memcpy(pose + row * kPosture, &taken, sizeof taken);
         for (py::ssize_t k = 0; k < width; ++k) *seen++ = all[column[k]];
     }
 }
 
 PlanarBodies make(const std::vector<int>& parents, const std::vector<int>& joints, const std::vector<Vector>& offsets,
-                  const std::vector<Vector>& x_axes, const std::vector<Vector>& z_axes, std::vector<double> rest) {
+                  const std::vector<Vector>& x_axes, const std::vector<Vector>& z_axes, std::vector<double> rest, int left_ankle,
+                  int right_ankle, int neck, int head) {
     std::vector<Body> bodies;
     for (std::size_t i = 0; i < parents.size(); ++i) {
         bodies.push_back({parents[i], joints.at(i), offsets.at(i), x_axes.at(i), z_axes.at(i)});
     }
-    return {std::move(bodies), std::move(rest)};
+    return {std::move(bodies), Landmarks{left_ankle, right_ankle, neck, head}, std::move(rest)};
 }
 
 }  // namespace
@@ -89,7 +90,8 @@ PYBIND11_MODULE(_core, module) {
     module.attr("NO_TIME") = reinterpret_cast<std::uintptr_t>(&no_time);
     py::class_<PlanarBodies>(module, "PlanarBodies")
         .def(py::init(&make), py::kw_only(), py::arg("parents"), py::arg("joints"), py::arg("offsets"),
-             py::arg("x_axes"), py::arg("z_axes"), py::arg("rest"))
+             py::arg("x_axes"), py::arg("z_axes"), py::arg("rest"), py::arg("left_ankle"), py::arg("right_ankle"),
+             py::arg("neck"), py::arg("head"))
         .def("observe", &observe, py::arg("qpos").noconvert(), py::arg("qvel").noconvert(), py::arg("columns").noconvert(),
              py::arg("observation").noconvert(), py::arg("posture").noconvert());
 }

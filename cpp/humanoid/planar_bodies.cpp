@@ -33,14 +33,17 @@ float* put(float* out, const Vector& v, double heading) {
 
 }  // namespace
 
-PlanarBodies::PlanarBodies(std::vector<Body> bodies, std::vector<double> rest)
-    : bodies_(std::move(bodies)), rest_(std::move(rest)) {
-    if (bodies_.size() != kBodies) throw std::invalid_argument("there must be 24 bodies");
-    for (int i = 0; i < kBodies; ++i) {
+PlanarBodies::PlanarBodies(std::vector<Body> bodies, Landmarks landmarks, std::vector<double> rest)
+    : bodies_(std::move(bodies)), landmarks_(landmarks), rest_(std::move(rest)) {
+    if (size() < 1 || size() > kMostBodies) throw std::invalid_argument("there must be 1 to 64 bodies");
+    for (int i = 0; i < size(); ++i) {
         const Body& body = bodies_[i];
         const bool ordered = i == 0 ? body.parent == -1 : body.parent >= 0 && body.parent < i;
         if (!ordered) throw std::invalid_argument("a parent must come before its children");
         if (body.joint < -1 || body.joint >= joints()) throw std::invalid_argument("no such joint");
+    }
+    for (const int body : {landmarks_.left_ankle, landmarks_.right_ankle, landmarks_.neck, landmarks_.head}) {
+        if (body < 0 || body >= size()) throw std::invalid_argument("no such body");
     }
     if (joints() < 2) throw std::invalid_argument("the first body must move along x and z");
 }
@@ -54,16 +57,16 @@ double PlanarBodies::fastest(const double* qpos, const double* qvel) const {
     return largest;
 }
 
-Posture PlanarBodies::observe(const double* qpos, const double* qvel, float* observation) const {
-    std::array<Motion, kBodies> motions;
-    for (int i = 0; i < kBodies; ++i) {
+Posture PlanarBodies::observe(const double* qpos, const double* qvel, float* __restrict observation) const {
+    const int count = size();
+    std::array<Motion, kMostBodies> motions;  // nothing else points to it, unlike a vector: a quarter faster
+    motions[0] = {0.0, 0.0, {1.0, 0.0}, bodies_[0].offset, {qvel[kRootX], 0.0, qvel[kRootZ]}};
+    motions[0].position[0] += qpos[kRootX] - rest_[kRootX];
+    motions[0].position[2] += qpos[kRootZ] - rest_[kRootZ];
+    for (int i = 0; i < count; ++i) {
         const Body& body = bodies_[i];
         Motion& motion = motions[i];
-        if (body.parent < 0) {
-            motion = {0.0, 0.0, {1.0, 0.0}, body.offset, {qvel[kRootX], 0.0, qvel[kRootZ]}};
-            motion.position[0] += qpos[kRootX] - rest_[kRootX];
-            motion.position[2] += qpos[kRootZ] - rest_[kRootZ];
-        } else {
+        if (i > 0) {
             const Motion& parent = motions[body.parent];
             const Vector arm = parent.turn.apply(body.offset);
             motion = parent;
@@ -78,30 +81,30 @@ Posture PlanarBodies::observe(const double* qpos, const double* qvel, float* obs
         }
     }
 
-    const Motion& pelvis = motions[kPelvis];
-    const double heading = pelvis.turn.apply(bodies_[0].z_axis)[0] < 0.0 ? -1.0 : 1.0;
+    const Motion& pelvis = motions[0];
+    const double heading = pelvis.turn.cosine < 0.0 ? -1.0 : 1.0;
     float* out = observation;
     *out++ = static_cast<float>(pelvis.position[2]);
-    for (int i = 1; i < kBodies; ++i) {
+    for (int i = 1; i < count; ++i) {
         const Vector& origin = motions[i].position;
         out = put(out, {origin[0] - pelvis.position[0], origin[1] - pelvis.position[1], origin[2] - pelvis.position[2]},
                   heading);
     }
-    for (int i = 0; i < kBodies; ++i) {
+    for (int i = 0; i < count; ++i) {
         out = put(out, motions[i].turn.apply(bodies_[i].x_axis), heading);
         out = put(out, motions[i].turn.apply(bodies_[i].z_axis), heading);
     }
-    for (const Motion& motion : motions) out = put(out, motion.velocity, heading);
-    for (const Motion& motion : motions) out = put(out, {0.0, motion.rate, 0.0}, heading);
+    for (int i = 0; i < count; ++i) out = put(out, motions[i].velocity, heading);
+    for (int i = 0; i < count; ++i) out = put(out, {0.0, motions[i].rate, 0.0}, heading);
 
     const auto above = [&](int body, int axis) { return motions[body].position[axis] - pelvis.position[axis]; };
     return {pelvis.position[2],
-            above(kLeftAnkle, 0),
-            above(kLeftAnkle, 2),
-            above(kRightAnkle, 0),
-            above(kRightAnkle, 2),
-            std::atan2(above(kNeck, 0), above(kNeck, 2)),
-            motions[kHead].position[2],
+            above(landmarks_.left_ankle, 0),
+            above(landmarks_.left_ankle, 2),
+            above(landmarks_.right_ankle, 0),
+            above(landmarks_.right_ankle, 2),
+            std::atan2(above(landmarks_.neck, 0), above(landmarks_.neck, 2)),
+            motions[landmarks_.head].position[2],
             fastest(qpos, qvel)};
 }
 

@@ -11,9 +11,7 @@ namespace romgrl {
 
 using Vector = std::array<double, 3>;
 
-constexpr int kBodies = 24;
-constexpr int kObservation = 358;
-constexpr int kPelvis = 0, kLeftAnkle = 3, kRightAnkle = 7, kNeck = 12, kHead = 13;  // in SMPL's order
+constexpr int kMostBodies = 64;
 constexpr int kRootX = 0, kRootZ = 1;  // columns of qpos and qvel
 
 struct Body {
@@ -21,6 +19,11 @@ struct Body {
     int joint;           // column of its pitch angle in qpos and qvel; -1: welded to its parent
     Vector offset;       // origin relative to the parent's (of the first body: to the world's), all angles at rest
     Vector x_axis, z_axis;  // local axes, all angles at rest
+};
+
+// The bodies that a posture is measured at, beside the first one, the pelvis.
+struct Landmarks {
+    int left_ankle, right_ankle, neck, head;
 };
 
 // Heights above the ground, ankles relative to the pelvis, the lean of the line from pelvis to neck (forward positive) and
@@ -33,18 +36,23 @@ static_assert(sizeof(Posture) == kPosture * sizeof(double));
 
 class PlanarBodies {
   public:
-    // rest: qpos of the pose in which offsets and axes were taken.
-    PlanarBodies(std::vector<Body> bodies, std::vector<double> rest);
+    // rest: qpos of the pose in which offsets and axes were taken, facing forward.
+    PlanarBodies(std::vector<Body> bodies, Landmarks landmarks, std::vector<double> rest);
 
     int joints() const { return static_cast<int>(rest_.size()); }
+    int size() const { return static_cast<int>(bodies_.size()); }
 
-    // Writes HumEnv's observation (kObservation) of one state and returns its posture.
+    // Height; positions of all bodies but the first; two axes and two velocities of each.
+    int observation_size() const { return 1 + 3 * (size() - 1) + 12 * size(); }
+
+    // Writes HumEnv's observation (observation_size) of one state and returns its posture.
     Posture observe(const double* qpos, const double* qvel, float* observation) const;
 
   private:
     double fastest(const double* qpos, const double* qvel) const;
 
     std::vector<Body> bodies_;
+    Landmarks landmarks_;
     std::vector<double> rest_;
 };
 

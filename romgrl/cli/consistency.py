@@ -15,6 +15,7 @@ from romgrl.config.schema import Config
 from romgrl.config.values import bad_value, fits, keys_of, refusal, schema_keys, show, value_of
 from romgrl.errors import ArtifactError, ConfigurationError
 
+OWN_SKELETON = "smpl"  # of the project's own humanoid
 FEWEST_ROWS = 4  # of the replay buffer, which keeps two of them free
 
 
@@ -146,21 +147,22 @@ def reduced_order_model(config: Config) -> Iterator[str]:
 
 def humanoid_file(config: Config) -> Iterator[str]:
     """The file of the humanoid is one; MuJoCo is imported only where there is one to read."""
-    humanoid = config.humanoid
+    humanoid, name = config.humanoid, config.humanoid.skeleton
     if humanoid.xml is None:
-        return
-    if not is_file(humanoid.xml):
+        if name != OWN_SKELETON:
+            yield refusal("humanoid.skeleton", name, f"{OWN_SKELETON} without humanoid.xml")
+    elif not is_file(humanoid.xml):
         yield refusal("humanoid.xml", humanoid.xml, "a MuJoCo file that exists")
     else:
-        from romgrl.humanoid import model
+        from romgrl.humanoid import model, skeleton
         from romgrl.humanoid.process_settings import set_up_mujoco
 
         set_up_mujoco()
         try:
-            model.build(xml=humanoid.xml, actuation=humanoid.actuation)
+            model.build(xml=humanoid.xml, actuation=humanoid.actuation, skeleton=skeleton.SKELETONS[name])
         except ConfigurationError as error:
             reason = str(error).removeprefix("humanoid.xml: ")
-            yield refusal("humanoid.xml", humanoid.xml, f"a MuJoCo file with SMPL's 24 bodies ({reason})")
+            yield refusal("humanoid.xml", humanoid.xml, f"a MuJoCo file with the bodies of {name} ({reason})")
 
 
 def pretrained(config: Config) -> Iterator[str]:
@@ -222,7 +224,7 @@ CHECKS: tuple[tuple[tuple[str, ...], Callable[[Config], Iterator[str]]], ...] = 
     ((*REFERENCE, *JUDGE), judged_windows),
     (CRITIC, critic),
     (ROM, reduced_order_model),
-    (("humanoid.xml", "humanoid.actuation"), humanoid_file),
+    (("humanoid.xml", "humanoid.skeleton", "humanoid.actuation"), humanoid_file),
     (("paths.outputs",), outputs_directory),
     (("tracking.enabled", "tracking.uri", "tracking.experiment", "paths.outputs"), tracking_store),
     (PRETRAINED, pretrained),

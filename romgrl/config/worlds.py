@@ -8,6 +8,7 @@ from romgrl.config.fields import key
 
 ROMS: dict[str, type[Rom]] = {}
 """The keys of each reduced-order model; romgrl.rom.registry has the models."""
+SKELETONS = ("smpl",)  # of romgrl/humanoid/skeleton.py
 
 
 @dataclass
@@ -68,6 +69,7 @@ class Humanoid:
 
     name: str = key("what it is called; not given: as its preset")
     xml: str | None = key("MuJoCo file to hold in the sagittal plane; null: the project's own humanoid")
+    skeleton: str = key("names and tree of the bodies in the file", choices=SKELETONS)
     actuation: str = key("servo: position servos; torque: joint torques", choices=("servo", "torque"))
     height: float = key("body height of the project's own humanoid", unit="m", low=1.2, high=2.2)
     mass: float = key("body mass of the project's own humanoid", unit="kg", low=30, high=150)

@@ -52,10 +52,11 @@ def by_name(names: Sequence[str], other_side: Callable[[str], str], negated: Col
 
     Raises ValueError where a name has no other side.
     """
-    alone = [name for name in names if other_side(name) not in names]
+    place = {name: index for index, name in enumerate(names)}
+    alone = [name for name in names if other_side(name) not in place]
     if alone:
         raise ValueError(f"{alone[0]} has no mirror image: there is no {other_side(alone[0])}")
-    order = [names.index(other_side(name)) for name in names]
+    order = [place[other_side(name)] for name in names]
     return Mirror(np.array(order, np.int64), np.array([-1.0 if n in negated else 1.0 for n in names], np.float32))
 
 

@@ -18,6 +18,10 @@ class PlanarBodies:
         x_axes: Sequence[Sequence[float]],
         z_axes: Sequence[Sequence[float]],
         rest: Sequence[float],
+        left_ankle: int,
+        right_ankle: int,
+        neck: int,
+        head: int,
     ) -> None: ...
     def observe(
         self,

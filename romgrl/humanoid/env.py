@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from romgrl.humanoid import task
 from romgrl.humanoid.model import CONTROL_FREQUENCY, build, dimensions
-from romgrl.humanoid.observation import OBSERVATION_SIZE, varying_columns
+from romgrl.humanoid.observation import mirror_observation, observation_names, varying_columns
 from romgrl.humanoid.planar_observer import GAIT_FEATURES, TRUNK_LEAN, PlanarObserver
 from romgrl.humanoid.process_settings import set_up_mujoco
 from romgrl.humanoid.rendering import SideCamera
-from romgrl.humanoid.skeleton import HINGES, mirror_action, mirror_observation
+from romgrl.humanoid.skeleton import skeleton_of
 from romgrl.humanoid.start_states import build_bank
 
 Float32 = NDArray[np.float32]
@@ -26,8 +26,8 @@ _METADATA = {"render_modes": ["rgb_array"], "render_fps": round(CONTROL_FREQUENC
 class PlanarHumanoidEnv(gym.Env[Float32, Float32]):
     """The same task as `PlanarHumanoidVectorEnv`, bit for bit, for one humanoid and without autoreset.
 
-    `info` has `features` (5,), `forward_velocity`, `trunk_lean` and `diverged`; observations are float32 (358,),
-    actions (21,) in [-1, 1].
+    `info` has `features` (5,), `forward_velocity`, `trunk_lean` and `diverged`; observations are float32,
+    (358,) for SMPL's skeleton, and actions (21,) in [-1, 1]; `observation_names` and `action_names` say what they are.
 
     Args:
         model: planar model of `romgrl.humanoid.model.build`; None: the project's own humanoid.
@@ -52,9 +52,11 @@ class PlanarHumanoidEnv(gym.Env[Float32, Float32]):
         self.metadata = _METADATA | {"render_fps": round(frequency)}
         self.render_mode = render_mode
         self.compact_columns = varying_columns(self.model)
-        self.mirror_observation, self.mirror_action = mirror_observation(), mirror_action()
-        self.observation_space = gym.spaces.Box(-np.inf, np.inf, (OBSERVATION_SIZE,), np.float32)
-        self.action_space = gym.spaces.Box(-1.0, 1.0, (len(HINGES),), np.float32)
+        skeleton = skeleton_of(self.model)
+        self.observation_names, self.action_names = observation_names(skeleton), skeleton.hinges
+        self.mirror_observation, self.mirror_action = mirror_observation(skeleton), skeleton.mirror_action()
+        self.observation_space = gym.spaces.Box(-np.inf, np.inf, (skeleton.observation_size,), np.float32)
+        self.action_space = gym.spaces.Box(-1.0, 1.0, (len(skeleton.hinges),), np.float32)
         self._data = mujoco.MjData(self.model)
         self._generator = np.random.default_rng()
         self._bank = build_bank(self.model)
@@ -75,7 +77,7 @@ class PlanarHumanoidEnv(gym.Env[Float32, Float32]):
         return observation, _info(posture, float(self._data.qvel[0]), diverged=False)
 
     def step(self, action: Float32) -> tuple[Float32, float, bool, bool, dict[str, Any]]:
-        """Advance by one control step with `action` (21,) held; numbers beyond [-1, 1] are clipped."""
+        """Advance by one control step with `action` (A,) held; numbers beyond [-1, 1] are clipped."""
         task.check_actions(action, self._data.ctrl.shape)
         self._data.ctrl[:] = np.clip(action, -1.0, 1.0)
         before = self._data.qpos[0]
@@ -100,12 +102,12 @@ class PlanarHumanoidEnv(gym.Env[Float32, Float32]):
         self._elapsed = 0
 
     def _observe(self) -> tuple[Float32, NDArray[np.float64]]:
-        """Observation (358,) and posture (1, 8)."""
+        """Observation and posture (1, 8)."""
         observation, posture = self._observer(self._data.qpos[None], self._data.qvel[None])
         return observation[0], posture
 
     def state(self) -> NDArray[np.float64]:
-        """Physics state (48,): qpos and qvel."""
+        """Physics state (nq + nv,): qpos and qvel."""
         return np.concatenate([self._data.qpos, self._data.qvel])
 
     def render(self) -> NDArray[np.uint8] | None:

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-FEET = (("L_Ankle", "L_Toe"), ("R_Ankle", "R_Toe"))
+from romgrl.humanoid.skeleton import skeleton_of
 
 
 def replay(
@@ -14,12 +14,12 @@ def replay(
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Repeat control steps one by one, each from its own recorded state, so that no error builds up.
 
-    states (T, nq + nv) before each step, actions (T, 21) in [-1, 1]. Returns power (T,) in W, sum over the joints of
+    states (T, nq + nv) before each step, actions (T, A) in [-1, 1]. Returns power (T,) in W, sum over the joints of
     |torque x angular velocity|, mean over the substeps, and contact (T, 2): left and right foot touch the ground at
     the end.
     """
     data = mujoco.MjData(model)
-    feet = [[model.body(name).id for name in names] for names in FEET]
+    feet = [[model.body(name).id for name in names] for names in skeleton_of(model).feet]
     power, contact = np.zeros(len(states)), np.zeros((len(states), 2), np.bool_)
     for step, (state, action) in enumerate(zip(states, actions, strict=True)):
         mujoco.mj_resetData(model, data)

@@ -15,7 +15,7 @@ from romgrl.config.worlds import Humanoid
 from romgrl.errors import ConfigurationError
 from romgrl.humanoid.own_body import human_spec
 from romgrl.humanoid.sagittal_plane import hold_in_plane
-from romgrl.humanoid.skeleton import BODIES, HINGES, ROOT_JOINTS
+from romgrl.humanoid.skeleton import ROOT_JOINTS, SKELETONS, SMPL, Skeleton, skeleton_of
 
 HEIGHT, MASS = 1.741, 73.0
 CONTROL_FREQUENCY, SUBSTEPS = 30.0, 8
@@ -43,16 +43,21 @@ def build(
     mass: float = MASS,
     control_frequency: float = CONTROL_FREQUENCY,
     substeps: int = SUBSTEPS,
+    skeleton: Skeleton = SMPL,
 ) -> mujoco.MjModel:
-    """The planar humanoid: nq = nv = 24 (root x, z, pitch, then HINGES), nu = 21 with controls in [-1, 1].
+    """The planar humanoid: nq = nv = 3 + A (root x, z, pitch, then the hinges), nu = A with controls in [-1, 1].
+
+    SMPL's skeleton has A = 21 hinges. The model remembers its skeleton, see `skeleton_of`.
 
     Args:
-        xml: a MuJoCo model with SMPL's 24 bodies (HumEnv's robot.xml), held in the plane; None: the project's own.
+        xml: a MuJoCo model with the skeleton's bodies (HumEnv's robot.xml has SMPL's), held in the plane; None: the
+            project's own, whose skeleton is SMPL's.
         actuation: "servo" (position servos) or "torque" (control x largest torque).
         height: of the project's own humanoid, m.
         mass: of the project's own humanoid, kg.
         control_frequency: control steps per second.
         substeps: physics steps per control step; the timestep is 1 / (control_frequency x substeps).
+        skeleton: one of SKELETONS.
 
     Raises ValueError for bad numbers and ConfigurationError for a file that is missing or does not fit.
     """
@@ -63,14 +68,18 @@ def build(
             raise ValueError(f"{name} must be positive, not {value}")
     if substeps < 1:
         raise ValueError(f"substeps must be at least 1, not {substeps}")
+    if xml is None and skeleton is not SMPL:
+        raise ConfigurationError(f"humanoid.skeleton: {skeleton.name} needs humanoid.xml, a file with its bodies")
     spec = human_spec(height=height, mass=mass) if xml is None else _load(Path(xml).expanduser())
-    hold_in_plane(spec, actuation=actuation)
+    hold_in_plane(spec, skeleton, actuation=actuation)
     spec.option.timestep = 1.0 / (control_frequency * substeps)
     model: mujoco.MjModel = _compile(spec)
     joints = [model.joint(index).name for index in range(model.njnt)]
     actuators = [model.actuator(index).name for index in range(model.nu)]
-    if joints != [*ROOT_JOINTS, *HINGES] or actuators != [*HINGES]:
-        raise ConfigurationError("humanoid.xml: bodies, joints and actuators must be in the order of SMPL's 24 bodies")
+    if joints != [*ROOT_JOINTS, *skeleton.hinges] or actuators != [*skeleton.hinges]:
+        raise ConfigurationError(
+            f"humanoid.xml: bodies, joints and actuators must be in the order of the skeleton {skeleton.name}"
+        )
     return model
 
 
@@ -83,6 +92,7 @@ def configured(humanoid: Humanoid) -> mujoco.MjModel:
         mass=humanoid.mass,
         control_frequency=humanoid.control_frequency,
         substeps=humanoid.substeps,
+        skeleton=SKELETONS[humanoid.skeleton],
     )
 
 
@@ -121,8 +131,8 @@ def _compile(spec: mujoco.MjSpec) -> mujoco.MjModel:
 
 
 def body_ids(model: mujoco.MjModel) -> NDArray[np.int64]:
-    """Ids (24,) of the 24 bodies, in SMPL's order."""
-    return np.array([model.body(name).id for name in BODIES], dtype=np.int64)
+    """Ids (B,) of the bodies, in the skeleton's order."""
+    return np.array([model.body(name).id for name in skeleton_of(model).bodies], dtype=np.int64)
 
 
 def lowest_point(model: mujoco.MjModel, data: mujoco.MjData) -> float:
@@ -144,8 +154,9 @@ def dimensions(model: mujoco.MjModel) -> HumanoidDimensions:
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     ground = lowest_point(model, data)
-    pelvis, head = data.body("Pelvis").xpos[2], data.body("Head").xpos[2]
-    ankle = (data.body("L_Ankle").xpos[2] + data.body("R_Ankle").xpos[2]) / 2
+    skeleton = skeleton_of(model)
+    pelvis, head = data.body(skeleton.root).xpos[2], data.body(skeleton.head).xpos[2]
+    ankle = (data.body(skeleton.left.ankle).xpos[2] + data.body(skeleton.right.ankle).xpos[2]) / 2
     return HumanoidDimensions(
         mass=float(model.body_mass[1:].sum()),
         leg_length=float(pelvis - ankle),

@@ -1,9 +1,9 @@
-"""HumEnv's 358 numbers of a humanoid with SMPL's 24 bodies, for one state or for many.
+"""HumEnv's numbers of a humanoid, 358 for SMPL's 24 bodies, for one state or for many.
 
-Layout: pelvis height above the ground (1); positions of the other 23 bodies relative to the pelvis (69); orientation of
-all 24 as the images of their local x and z axes (144); linear velocity of their origins (72); angular velocity (72).
-Everything is seen from the heading frame: the world turned about z so that x points where the pelvis faces, the
-pelvis orientation being measured from SMPL's standing base rotation. Units: m, m/s, rad/s.
+Layout for B bodies: height of the root, the pelvis, above the ground (1); positions of the other bodies relative to it
+(3 B - 3); orientation of all as the images of their local x and z axes (6 B); linear velocity of their origins (3 B);
+angular velocity (3 B). Everything is seen from the heading frame: the world turned about z so that x points where the
+pelvis faces, the pelvis orientation being measured from that of standing. Units: m, m/s, rad/s.
 """
 
 from __future__ import annotations
@@ -12,24 +12,60 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from romgrl.humanoid.skeleton import BODIES
+from romgrl.gait.symmetry import Mirror, by_name
+from romgrl.humanoid.skeleton import Skeleton, skeleton_of
 
-NUM_BODIES = len(BODIES)
-NUM_VECTORS = 119
-"""Three-vectors of an observation: 23 positions, 48 axes, 24 linear and 24 angular velocities."""
-OBSERVATION_SIZE = 1 + 3 * NUM_VECTORS
 _PLANE_SAMPLES = 64
 _CONSTANT = 1e-9
 
 
-def observe(model: mujoco.MjModel, data: mujoco.MjData) -> NDArray[np.float64]:
-    """The observation (358,) of `data` after a forward pass, on the full and on the planar model."""
-    first = model.body("Pelvis").id
-    bodies = slice(first, first + NUM_BODIES)
+def observe(model: mujoco.MjModel, data: mujoco.MjData, skeleton: Skeleton | None = None) -> NDArray[np.float64]:
+    """The observation (358,) of `data` after a forward pass, on the full and on the planar model.
+
+    skeleton: of the model's bodies; None: the one that it was built with, SMPL's for any other model.
+    """
+    skeleton = skeleton or skeleton_of(model)
+    first = model.body(skeleton.root).id
+    bodies = slice(first, first + len(skeleton.bodies))
     batch = assemble(
-        data.xpos[None, bodies], data.xmat[None, bodies], data.cvel[None, bodies], data.subtree_com[None, first]
+        data.xpos[None, bodies],
+        data.xmat[None, bodies],
+        data.cvel[None, bodies],
+        data.subtree_com[None, first],
+        forward=skeleton.axes[0],
     )
-    return batch.reshape(OBSERVATION_SIZE)
+    return batch.reshape(-1)
+
+
+def observation_names(skeleton: Skeleton) -> tuple[str, ...]:
+    """What each number of the observation is, such as Pelvis.height, L_Hip.axis_x.z and Head.angular_velocity.y."""
+    quantities = (
+        (skeleton.bodies[1:], ("position",)),
+        (skeleton.bodies, ("axis_x", "axis_z")),
+        (skeleton.bodies, ("velocity",)),
+        (skeleton.bodies, ("angular_velocity",)),
+    )
+    vectors = [f"{body}.{name}" for bodies, names in quantities for body in bodies for name in names]
+    return (f"{skeleton.root}.height", *(f"{vector}.{component}" for vector in vectors for component in "xyz"))
+
+
+def mirror_observation(skeleton: Skeleton) -> Mirror:
+    """Mirror of the observation (358,) in the sagittal plane.
+
+    With M = diag(1, -1, 1) in the world and S in the body frames, which negates the lateral axis (SMPL's x), the
+    mirrored rotation is M R S: the column of the lateral axis becomes -M R e, another M R e. Angular velocity is a
+    pseudovector.
+    """
+    negated_whole = (f"axis_{'xyz'[skeleton.axes[1]]}", "angular_velocity")
+
+    def other_side(name: str) -> str:
+        body, _, rest = name.partition(".")
+        return f"{skeleton.other_side(body)}.{rest}"
+
+    names = observation_names(skeleton)
+    lateral = {name for name in names if name.endswith(".y")}
+    whole = {name for name in names if name.split(".")[1] in negated_whole}
+    return by_name(names, other_side, negated=lateral ^ whole)
 
 
 def assemble(
@@ -37,26 +73,31 @@ def assemble(
     rotation: NDArray[np.float64],
     velocity: NDArray[np.float64],
     centre: NDArray[np.float64],
+    *,
+    forward: int,
 ) -> NDArray[np.float64]:
-    """Observations (N, 358) from MuJoCo's kinematics of the 24 bodies.
+    """Observations (N, 358) from MuJoCo's kinematics of the B bodies, the root first.
 
     Args:
-        position: origins (N, 24, 3), MuJoCo's xpos.
-        rotation: orientations (N, 24, 9) row by row, MuJoCo's xmat.
-        velocity: angular velocity and linear velocity of the point at `centre` (N, 24, 6), MuJoCo's cvel.
+        position: origins (N, B, 3), MuJoCo's xpos.
+        rotation: orientations (N, B, 9) row by row, MuJoCo's xmat.
+        velocity: angular velocity and linear velocity of the point at `centre` (N, B, 6), MuJoCo's cvel.
         centre: centre of mass of the whole body (N, 3).
+        forward: axis of the root, 0 to 2, that points forward when standing.
     """
-    count = len(position)
-    axes = rotation.reshape(count, NUM_BODIES, 3, 3)[..., (0, 2)].swapaxes(2, 3)
-    vectors = np.empty((count, NUM_VECTORS, 3))
-    vectors[:, :23] = position[:, 1:] - position[:, :1]
-    vectors[:, 23:71] = axes.reshape(count, -1, 3)
-    vectors[:, 71:95] = _velocity_of_origins(position, velocity, centre)
-    vectors[:, 95:] = velocity[..., :3]
-    cosine, sine = _heading(axes[:, 0, 1])
-    observation = np.empty((count, OBSERVATION_SIZE))
+    count, bodies = position.shape[:2]
+    frames = rotation.reshape(count, bodies, 3, 3)
+    parts = (
+        position[:, 1:] - position[:, :1],
+        frames[..., (0, 2)].swapaxes(2, 3).reshape(count, 2 * bodies, 3),
+        _velocity_of_origins(position, velocity, centre),
+        velocity[..., :3],
+    )
+    vectors = np.concatenate(parts, axis=1)
+    cosine, sine = _heading(frames[:, 0, :, forward])
+    observation = np.empty((count, 1 + 3 * vectors.shape[1]))
     observation[:, 0] = position[:, 0, 2]
-    turned = observation[:, 1:].reshape(count, NUM_VECTORS, 3)  # a view
+    turned = observation[:, 1:].reshape(vectors.shape)  # a view
     x, y = vectors[..., 0], vectors[..., 1]
     turned[..., 0] = cosine * x + sine * y
     turned[..., 1] = cosine * y - sine * x
@@ -67,7 +108,7 @@ def assemble(
 def _velocity_of_origins(
     position: NDArray[np.float64], velocity: NDArray[np.float64], centre: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Linear velocity (N, 24, 3) of the body origins: v + omega x (p - c)."""
+    """Linear velocity (N, B, 3) of the body origins: v + omega x (p - c)."""
     wx, wy, wz = (velocity[..., axis] for axis in range(3))
     rx, ry, rz = (position[..., axis] - centre[:, None, axis] for axis in range(3))
     linear = velocity[..., 3:].copy()
@@ -78,7 +119,7 @@ def _velocity_of_origins(
 
 
 def _heading(facing: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Cosine and sine (N, 1) of the heading, from the z axis (N, 3) of the pelvis, forward when standing."""
+    """Cosine and sine (N, 1) of the heading, from where the pelvis faces (N, 3)."""
     norm = np.hypot(facing[:, 0], facing[:, 1])
     safe = np.where(norm > 0, norm, 1.0)
     cosine = np.where(norm > 0, facing[:, 0] / safe, 1.0)
@@ -89,7 +130,7 @@ def varying_columns(model: mujoco.MjModel) -> NDArray[np.int64]:
     """Columns of the observation that are not constant in the plane, from random states with a fixed seed."""
     generator = np.random.default_rng(0)
     data = mujoco.MjData(model)
-    samples = np.empty((_PLANE_SAMPLES, OBSERVATION_SIZE))
+    samples = np.empty((_PLANE_SAMPLES, skeleton_of(model).observation_size))
     for sample in samples:
         data.qpos[:] = generator.uniform(-1.0, 1.0, model.nq)
         data.qvel[:] = generator.uniform(-1.0, 1.0, model.nv)

@@ -17,7 +17,7 @@ from romgrl.humanoid.anthropometry import (
     SHOULDER_HEIGHT,
     mass_fraction,
 )
-from romgrl.humanoid.skeleton import BASE_QUATERNION, BODIES, HINGES, PARENTS
+from romgrl.humanoid.skeleton import SMPL
 
 TORSO_RGBA, LEFT_RGBA, RIGHT_RGBA = (0.36, 0.48, 0.62, 1), (0.85, 0.52, 0.30, 1), (0.30, 0.60, 0.52, 1)
 SOLE_RADIUS = 0.02
@@ -33,14 +33,14 @@ def human_spec(*, height: float, mass: float) -> mujoco.MjSpec:
     floor = spec.worldbody.add_geom(name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1])
     floor.contype = floor.conaffinity = 0
     offsets = _offsets(height)
-    pelvis = spec.worldbody.add_body(name="Pelvis", quat=BASE_QUATERNION)
+    pelvis = spec.worldbody.add_body(name="Pelvis", quat=SMPL.base_quaternion)
     pelvis.add_freejoint(name="Pelvis")
     bodies = {"Pelvis": pelvis}
-    for name, parent in PARENTS.items():
+    for name, parent in SMPL.parents.items():
         bodies[name] = bodies[parent].add_body(name=name, pos=offsets[name])
-        if name in HINGES:
+        if name in SMPL.hinges:
             _add_hinge(spec, bodies[name])
-    for name in BODIES:
+    for name in SMPL.bodies:
         _add_inertia(bodies[name], height, mass)
         _add_geoms(spec, bodies[name], height)
     return spec

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from romgrl.humanoid import _core
 from romgrl.humanoid.model import body_ids
-from romgrl.humanoid.observation import OBSERVATION_SIZE
+from romgrl.humanoid.skeleton import skeleton_of
 
 GAIT_FEATURES = slice(0, 5)
 LEFT_ANKLE, RIGHT_ANKLE = slice(1, 3), slice(3, 5)
@@ -23,18 +23,18 @@ class PlanarObserver:
 
     Args:
         model: planar model of `romgrl.humanoid.model.build`.
-        columns: columns of the observation to return; None: all 358.
+        columns: columns of the observation to return; None: all.
     """
 
     def __init__(self, model: mujoco.MjModel, columns: NDArray[np.int64] | None = None) -> None:
-        kept = np.arange(OBSERVATION_SIZE) if columns is None else columns
+        kept = np.arange(skeleton_of(model).observation_size) if columns is None else columns
         self.columns = np.ascontiguousarray(kept, dtype=np.int32)
         self._bodies = planar_bodies(model)
 
     def __call__(
         self, qpos: NDArray[np.float64], qvel: NDArray[np.float64]
     ) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
-        """Observations (N, columns) and postures (N, 8) of states (N, 24) and (N, 24).
+        """Observations (N, columns) and postures (N, 8) of states (N, nq) and (N, nv).
 
         Columns of a posture: the five gait features (pelvis height, then left and right ankle relative to the pelvis,
         forward and up), m; TRUNK_LEAN, the angle of the line from pelvis to neck with the vertical, rad, forward
@@ -48,10 +48,10 @@ class PlanarObserver:
 
 
 def planar_bodies(model: mujoco.MjModel) -> _core.PlanarBodies:
-    """Tree, offsets and axes of the model's 24 bodies in its rest pose."""
+    """Tree, offsets and axes of the model's bodies in its rest pose."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
-    ids = body_ids(model)
+    skeleton, ids = skeleton_of(model), body_ids(model)
     order = {int(body): index for index, body in enumerate(ids)}
     parents = [order.get(int(model.body_parentid[body]), -1) for body in ids]
     last_joint = [model.body_jntadr[body] + model.body_jntnum[body] - 1 for body in ids]
@@ -67,4 +67,8 @@ def planar_bodies(model: mujoco.MjModel) -> _core.PlanarBodies:
         x_axes=axes[:, :, 0].tolist(),
         z_axes=axes[:, :, 2].tolist(),
         rest=model.qpos0.tolist(),
+        left_ankle=skeleton.bodies.index(skeleton.left.ankle),
+        right_ankle=skeleton.bodies.index(skeleton.right.ankle),
+        neck=skeleton.bodies.index(skeleton.neck),
+        head=skeleton.bodies.index(skeleton.head),
     )

@@ -8,13 +8,11 @@ from numpy.typing import NDArray
 
 from romgrl.humanoid.model import body_ids, lowest_point
 from romgrl.humanoid.planar_observer import LEFT_ANKLE, PELVIS_HEIGHT, RIGHT_ANKLE
-from romgrl.humanoid.skeleton import BODIES, HINGES, mirror_joints
+from romgrl.humanoid.skeleton import skeleton_of
 from romgrl.humanoid.start_states import ResetBank
 
 Array = NDArray[np.float64]
 
-ANGLE = {name: 3 + index for index, name in enumerate(HINGES)}
-"""Column of each joint angle in qpos."""
 STRAIGHT = 0.995
 """A leg is stretched to this share of its length at most: beyond, the knee's speed has no bound."""
 FASTEST = 15.0
@@ -40,25 +38,28 @@ def reference_bank(
     qvel = (after - before) / (2 * dt)
     qvel[:, 3:] = np.clip(qvel[:, 3:], -FASTEST, FASTEST)
     lift_out_of_floor(model, qpos)
-    mirror = mirror_joints()
+    mirror = skeleton_of(model).mirror_joints()
     return ResetBank(np.concatenate([qpos, mirror.image(qpos)]), np.concatenate([qvel, mirror.image(qvel)]))
 
 
 def follow(model: mujoco.MjModel, features: Array) -> Array:
-    """Positions qpos (N, 24) with the pelvis and the ankles where `features` (N, 5) has them, as far as legs reach."""
-    data = mujoco.MjData(model)
+    """Positions qpos (N, nq) with the pelvis and the ankles where `features` (N, 5) has them, as far as legs reach."""
+    skeleton, data = skeleton_of(model), mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
-    rest = {name: data.xpos[body][[0, 2]] for name, body in zip(BODIES, body_ids(model), strict=True)}
+    rest = {name: data.xpos[body][[0, 2]] for name, body in zip(skeleton.bodies, body_ids(model), strict=True)}
+    column, pelvis, left, right = skeleton.column, rest[skeleton.root], skeleton.left, skeleton.right
     qpos = np.zeros((len(features), model.nq))
-    qpos[:, 1] = features[:, PELVIS_HEIGHT] - rest["Pelvis"][1]
-    for side, other, columns in (("L", "R", LEFT_ANKLE), ("R", "L", RIGHT_ANKLE)):
-        hip, knee, ankle = (rest[f"{side}_{name}"] for name in ("Hip", "Knee", "Ankle"))
-        target = features[:, columns] - (hip - rest["Pelvis"])
+    qpos[:, 1] = features[:, PELVIS_HEIGHT] - pelvis[1]
+    for side, other, columns in ((left, right, LEFT_ANKLE), (right, left, RIGHT_ANKLE)):
+        hip, knee, ankle = rest[side.hip], rest[side.knee], rest[side.ankle]
+        target = features[:, columns] - (hip - pelvis)
         angles = leg_angles(target, thigh=knee - hip, shank=ankle - knee)
-        qpos[:, [ANGLE[f"{side}_Hip"], ANGLE[f"{side}_Knee"]]] = angles
-        qpos[:, ANGLE[f"{side}_Ankle"]] = -angles.sum(1)
-        qpos[:, ANGLE[f"{other}_Shoulder"]] = SWING * angles[:, 0]
-        qpos[:, ANGLE[f"{other}_Elbow"]] = ELBOW
+        qpos[:, [column[side.hip], column[side.knee]]] = angles
+        qpos[:, column[side.ankle]] = -angles.sum(1)
+        if other.shoulder is not None:
+            qpos[:, column[other.shoulder]] = SWING * angles[:, 0]
+        if other.elbow is not None:
+            qpos[:, column[other.elbow]] = ELBOW
     low, high = model.jnt_range[3:].T
     qpos[:, 3:] = np.clip(qpos[:, 3:], low + 0.01, high - 0.01)
     return qpos
@@ -85,7 +86,7 @@ def hanging(line: Array) -> Array:
 
 
 def lift_out_of_floor(model: mujoco.MjModel, qpos: Array) -> None:
-    """Raise each row of `qpos` (N, 24) that is below the floor until it touches it."""
+    """Raise each row of `qpos` (N, nq) that is below the floor until it touches it."""
     data = mujoco.MjData(model)
     for row in qpos:
         data.qpos[:] = row

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from romgrl.errors import RomgrlError
 from romgrl.humanoid import opengl
 from romgrl.humanoid.model import dimensions
+from romgrl.humanoid.skeleton import skeleton_of
 
 Image = NDArray[np.uint8]
 States = NDArray[np.float64] | Sequence[NDArray[np.float64]]
@@ -85,7 +86,7 @@ class SideCamera:
         self.remark = opengl.remark(name)
         """What to tell about the wish of the environment that was not fulfilled."""
         self._model = _plain_copy(model, width, height)
-        self._data = mujoco.MjData(self._model)
+        self._data, self._root = mujoco.MjData(self._model), skeleton_of(model).root
         self._rect = mujoco.MjrRect(0, 0, width, height)
         self._pixels = np.zeros((height, width, 3), dtype=np.uint8)
         try:
@@ -130,7 +131,7 @@ class SideCamera:
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_comPos(self._model, self._data)
         mujoco.mj_camlight(self._model, self._data)
-        forward = float(self._data.body("Pelvis").xpos[0])
+        forward = float(self._data.body(self._root).xpos[0])
         self._camera.lookat[:] = (forward, 0.0, self._look_at_height)
         everything = mujoco.mjtCatBit.mjCAT_ALL.value
         mujoco.mjv_updateScene(

@@ -1,4 +1,4 @@
-"""Hold any humanoid with SMPL's 24 bodies in the sagittal plane: three root joints and one pitch hinge per segment."""
+"""Hold any humanoid in the sagittal plane: three root joints and one pitch hinge per segment."""
 
 from __future__ import annotations
 
@@ -7,45 +7,40 @@ import numpy as np
 from numpy.typing import NDArray
 
 from romgrl.errors import ConfigurationError
-from romgrl.humanoid.skeleton import BASE_QUATERNION, BODIES, HINGES, ROOT_JOINTS
+from romgrl.humanoid.skeleton import ROOT_JOINTS, SKELETON_TEXT, SMPL, Skeleton
 
 _HALF = float(np.sqrt(0.5))
-HANGING: dict[str, tuple[float, float, float, float]] = {
-    "L_Shoulder": (_HALF, 0, 0, -_HALF),
-    "R_Shoulder": (_HALF, 0, 0, _HALF),
-}
-"""Quarter turns about the forward axis that bring the arms of SMPL's T-pose down."""
 
 
-def hold_in_plane(spec: mujoco.MjSpec, *, actuation: str) -> None:
+def hold_in_plane(spec: mujoco.MjSpec, skeleton: Skeleton = SMPL, *, actuation: str) -> None:
     """Edit `spec` in place: root slides x and z and hinge pitch; of each body's joints the one about the lateral axis.
 
-    Other joints and their actuators go, hands are welded, and only the floor is touched (no self-collision), which
-    keeps the two halves of the body independent and the physics fast. Raises ConfigurationError if bodies, joints or
-    actuators are missing or a joint is not at the origin of its body.
+    Other joints and their actuators go, and only the floor is touched (no self-collision), which keeps the two halves
+    of the body independent and the physics fast. A text of the model names its skeleton. Raises ConfigurationError if
+    bodies, joints or actuators are missing or a joint is not at the origin of its body.
     """
     bodies = {body.name: body for body in spec.bodies}
-    missing = [name for name in BODIES if name not in bodies]
+    missing = [name for name in skeleton.bodies if name not in bodies]
     if missing:
-        raise ConfigurationError(f"humanoid.xml: no body named {missing[0]}; a model with SMPL's 24 bodies is needed")
-    _hang_arms(bodies)
-    kept = {name: _pitch_joint(spec, bodies[name]) for name in HINGES}
+        raise ConfigurationError(f"humanoid.xml: no body named {missing[0]}, as the skeleton {skeleton.name} has")
+    _hang_arms(bodies, skeleton)
+    kept = {name: _pitch_joint(spec, bodies[name], skeleton) for name in skeleton.hinges}
     _keep_actuators(spec, {joint: name for name, joint in kept.items()}, actuation)
     for joint in list(spec.joints):
         if joint.name not in kept.values():
             spec.delete(joint)
-    for name in HINGES:
+    for name in skeleton.hinges:
         spec.joint(kept[name]).name = name
-    for exclude in list(spec.excludes):
-        spec.delete(exclude)
-    for sensor in list(spec.sensors):
-        spec.delete(sensor)
-    _add_root(bodies["Pelvis"])
+    named_before = (text for text in spec.texts if text.name == SKELETON_TEXT)
+    for unused in (*spec.excludes, *spec.sensors, *named_before):
+        spec.delete(unused)
+    _add_root(bodies[skeleton.root], skeleton)
     for geom in spec.geoms:
         is_floor = geom.parent.name == "world"
         touches = bool(geom.contype or geom.conaffinity)
         geom.contype, geom.conaffinity = (int(touches and is_floor), int(touches and not is_floor))
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_ISLAND.value  # one tree is one island
+    spec.add_text(name=SKELETON_TEXT, data=skeleton.name)
 
 
 def _rotation(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -54,26 +49,31 @@ def _rotation(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
     return matrix.reshape(3, 3)
 
 
-def _hang_arms(bodies: dict[str, mujoco.MjsBody]) -> None:
-    """Turn arms that point sideways (the elbow further out than down) to hang."""
-    for name, quarter_turn in HANGING.items():
-        left, up, _ = np.abs(bodies[name.replace("Shoulder", "Elbow")].pos)
-        if left > up:
-            bodies[name].quat = quarter_turn
+def _hang_arms(bodies: dict[str, mujoco.MjsBody], skeleton: Skeleton) -> None:
+    """Turn arms that point sideways (the elbow further out than down) about the forward axis, so that they hang."""
+    forward, lateral, up = skeleton.axes
+    for limbs, half in ((skeleton.left, -_HALF), (skeleton.right, _HALF)):
+        if limbs.shoulder is None or limbs.elbow is None:
+            continue
+        offset = np.abs(bodies[limbs.elbow].pos)
+        if offset[lateral] > offset[up]:
+            quarter_turn = np.array([_HALF, 0.0, 0.0, 0.0])
+            quarter_turn[1 + forward] = half
+            bodies[limbs.shoulder].quat = quarter_turn
 
 
-def _standing_rotation(body: mujoco.MjsBody) -> NDArray[np.float64]:
+def _standing_rotation(body: mujoco.MjsBody, skeleton: Skeleton) -> NDArray[np.float64]:
     """Orientation of a body in the world when standing: the product of its ancestors' rotations."""
     rotation = np.eye(3)
-    while body.name != "Pelvis":
+    while body.name != skeleton.root:
         rotation = _rotation(body.quat) @ rotation
         body = body.parent
-    return _rotation(np.array(BASE_QUATERNION)) @ rotation
+    return skeleton.base_rotation @ rotation
 
 
-def _pitch_joint(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> str:
+def _pitch_joint(spec: mujoco.MjSpec, body: mujoco.MjsBody, skeleton: Skeleton) -> str:
     """Align the joint nearest the world's lateral axis with it, pointing left, and return its name."""
-    lateral = _standing_rotation(body).T @ np.array([0.0, 1.0, 0.0])
+    lateral = _standing_rotation(body, skeleton).T @ np.array([0.0, 1.0, 0.0])
     hinges = [joint for joint in body.joints if joint.type == mujoco.mjtJoint.mjJNT_HINGE]
     if not hinges:
         raise ConfigurationError(f"humanoid.xml: body {body.name} has no hinge")
@@ -108,11 +108,11 @@ def _keep_actuators(spec: mujoco.MjSpec, body_of: dict[str, str], actuation: str
         raise ConfigurationError(f"humanoid.xml: joint {min(set(body_of) - driven)} has no actuator")
 
 
-def _add_root(pelvis: mujoco.MjsBody) -> None:
-    """Slides along world x and z and a hinge about world y; in the pelvis frame these are z, y and x."""
-    pelvis.pos, pelvis.quat = [0, 0, 0], BASE_QUATERNION
+def _add_root(root: mujoco.MjsBody, skeleton: Skeleton) -> None:
+    """Slides along world x and z and a hinge about world y, in the root's frame."""
+    root.pos, root.quat = [0, 0, 0], skeleton.base_quaternion
     slide, hinge = mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE
-    for name, kind, axis in zip(ROOT_JOINTS, (slide, slide, hinge), ([0, 0, 1], [0, 1, 0], [1, 0, 0]), strict=True):
-        joint = pelvis.add_joint(name=name, type=kind, axis=axis)
+    for name, kind, world in zip(ROOT_JOINTS, (slide, slide, hinge), (0, 2, 1), strict=True):
+        joint = root.add_joint(name=name, type=kind, axis=skeleton.base_rotation[world])
         joint.damping, joint.stiffness, joint.armature = np.zeros(3), np.zeros(3), 0.0
         joint.limited = mujoco.mjtLimited.mjLIMITED_FALSE

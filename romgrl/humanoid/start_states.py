@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from romgrl.humanoid.model import lowest_point
-from romgrl.humanoid.skeleton import HINGES, mirror_joints
+from romgrl.humanoid.skeleton import skeleton_of
 
 BANK_SIZE = 1024
 POSE_NOISE = 0.05
@@ -23,12 +23,12 @@ class ResetBank:
     """Poses with one thigh forward, the other back with the knee bent, trunk upright, lowest sole on the ground."""
 
     qpos: NDArray[np.float64]
-    """(M, 24); rows M/2 and later are the mirror images of the first half."""
+    """(M, nq); rows M/2 and later are the mirror images of the first half."""
     qvel: NDArray[np.float64]
-    """(M, 24) with the forward speed left at 0."""
+    """(M, nv) with the forward speed left at 0."""
 
     def draw(self, generator: np.random.Generator, count: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """qpos and qvel (count, 24) of random entries: either side leads with equal probability."""
+        """qpos and qvel (count, nq) of random entries: either side leads with equal probability."""
         rows = generator.integers(len(self.qpos), size=count)
         return self.qpos[rows], self.qvel[rows]
 
@@ -45,24 +45,25 @@ class ResetBank:
 def build_bank(model: mujoco.MjModel, size: int = BANK_SIZE) -> ResetBank:
     """The same poses every time: within the joint ranges, each touching the ground, and their mirror images."""
     generator, half = np.random.default_rng(0), size // 2
-    column = {name: 3 + index for index, name in enumerate(HINGES)}
+    skeleton = skeleton_of(model)
+    column, left, right = skeleton.column, skeleton.left, skeleton.right
     qpos = np.zeros((half, model.nq))
     qpos[:, 3:] = generator.normal(0.0, POSE_NOISE, (half, model.nq - 3))
     stride = generator.uniform(0.25, 0.5, half)
     for name, angle in (
-        ("L_Hip", -stride),
-        ("L_Knee", 0.15 + generator.uniform(0.0, 0.3, half)),
-        ("R_Hip", 0.5 * stride),
-        ("R_Knee", generator.uniform(0.5, 1.2, half)),
-        ("L_Shoulder", stride),
-        ("R_Shoulder", -stride),
-        ("L_Elbow", np.full(half, -1.2)),
-        ("R_Elbow", np.full(half, -1.2)),
+        (left.hip, -stride),
+        (left.knee, 0.15 + generator.uniform(0.0, 0.3, half)),
+        (right.hip, 0.5 * stride),
+        (right.knee, generator.uniform(0.5, 1.2, half)),
+        (left.shoulder, stride),
+        (right.shoulder, -stride),
+        (left.elbow, np.full(half, -1.2)),
+        (right.elbow, np.full(half, -1.2)),
     ):
-        qpos[:, column[name]] += angle
-    qpos[:, column["L_Ankle"]] -= qpos[:, column["L_Hip"]] + qpos[:, column["L_Knee"]]
-    trunk = [column[name] for name in ("Torso", "Spine", "Chest", "Neck", "Head")]
-    qpos[:, trunk] *= 0.5
+        if name is not None:
+            qpos[:, column[name]] += angle
+    qpos[:, column[left.ankle]] -= qpos[:, column[left.hip]] + qpos[:, column[left.knee]]
+    qpos[:, [column[name] for name in skeleton.trunk]] *= 0.5
     low, high = model.jnt_range[3:].T
     qpos[:, 3:] = np.clip(qpos[:, 3:], low + 0.01, high - 0.01)
     data = mujoco.MjData(model)
@@ -72,5 +73,5 @@ def build_bank(model: mujoco.MjModel, size: int = BANK_SIZE) -> ResetBank:
         row[1] = -lowest_point(model, data)
     qvel = np.zeros((half, model.nv))
     qvel[:, 3:] = generator.normal(0.0, RATE_NOISE, (half, model.nv - 3))
-    mirror = mirror_joints()
+    mirror = skeleton.mirror_joints()
     return ResetBank(np.concatenate([qpos, mirror.image(qpos)]), np.concatenate([qvel, mirror.image(qvel)]))

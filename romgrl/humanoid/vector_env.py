@@ -14,25 +14,25 @@ from numpy.typing import NDArray
 
 from romgrl.humanoid import task
 from romgrl.humanoid.model import CONTROL_FREQUENCY, build, dimensions
-from romgrl.humanoid.observation import varying_columns
+from romgrl.humanoid.observation import mirror_observation, observation_names, varying_columns
 from romgrl.humanoid.planar_observer import GAIT_FEATURES, TRUNK_LEAN, PlanarObserver
 from romgrl.humanoid.process_settings import set_up_mujoco
 from romgrl.humanoid.rendering import SideCamera
-from romgrl.humanoid.skeleton import HINGES, mirror_action, mirror_observation
+from romgrl.humanoid.skeleton import skeleton_of
 from romgrl.humanoid.start_states import ResetBank, build_bank
 
 Float32 = NDArray[np.float32]
 Rows = NDArray[np.int64]
 Step = tuple[Float32, Float32, NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]
 
-PUSHED_BODY = "Chest"
 _METADATA = {"autoreset_mode": AutoresetMode.SAME_STEP, "render_modes": ["rgb_array"]}
 
 
 class PlanarHumanoidVectorEnv(VectorEnv[Float32, Float32, Any]):
     """`num_envs` humanoids that shall run forward at a speed; a finished row starts anew within the same step.
 
-    Observations (N, 358) belong to the state after the step. `info` has, before the autoreset, `final_obs`,
+    Observations (N, C), 358 columns for SMPL's skeleton, belong to the state after the step; `observation_names` and
+    `action_names` say what the columns are. `info` has, before the autoreset, `final_obs`,
     `features` (N, 5), `forward_velocity` (N,), `trunk_lean` (N,) and `diverged` (N,), and after it `reset_features`
     and `reset_trunk_lean`. A diverged humanoid ends its episode with reward 0 and reports the state it restarts from.
 
@@ -40,7 +40,7 @@ class PlanarHumanoidVectorEnv(VectorEnv[Float32, Float32, Any]):
         model: planar model of `romgrl.humanoid.model.build`; None: the project's own humanoid.
         num_envs: humanoids stepped together.
         num_threads: threads of the physics; the results do not depend on it.
-        compact: observations have only the columns that vary in the plane, `columns` of the 358.
+        compact: observations have only the columns that vary in the plane, `columns` of all.
         render_mode: None or "rgb_array".
         settings: the task, see `romgrl.humanoid.task.SpeedSettings`.
     """
@@ -67,9 +67,13 @@ class PlanarHumanoidVectorEnv(VectorEnv[Float32, Float32, Any]):
         self.compact_columns = varying_columns(self.model)
         self._observer = PlanarObserver(self.model, self.compact_columns if compact else None)
         self.columns = self._observer.columns.astype(np.int64)
-        self.mirror_observation, self.mirror_action = mirror_observation().kept(self.columns), mirror_action()
+        skeleton = skeleton_of(self.model)
+        names = observation_names(skeleton)
+        self.observation_names, self.action_names = tuple(names[i] for i in self.columns), skeleton.hinges
+        self.mirror_observation = mirror_observation(skeleton).kept(self.columns)
+        self.mirror_action = skeleton.mirror_action()
         self.single_observation_space = gym.spaces.Box(-np.inf, np.inf, self._observer.columns.shape, np.float32)
-        self.single_action_space = gym.spaces.Box(-1.0, 1.0, (len(HINGES),), np.float32)
+        self.single_action_space = gym.spaces.Box(-1.0, 1.0, (len(skeleton.hinges),), np.float32)
         self.observation_space = gym.vector.utils.batch_space(self.single_observation_space, num_envs)
         self.action_space = gym.vector.utils.batch_space(self.single_action_space, num_envs)
         self.diverged_count = 0
@@ -86,7 +90,7 @@ class PlanarHumanoidVectorEnv(VectorEnv[Float32, Float32, Any]):
         self._batch = Batch(self.model, self.num_envs, num_threads)
         self._qpos, self._qvel = self._batch.bind("qpos"), self._batch.bind("qvel")
         self._controls, self._forces = self._batch.bind("ctrl"), self._batch.bind("xfrc_applied")
-        self._pushed = self.model.body(PUSHED_BODY).id
+        self._pushed = self.model.body(skeleton_of(self.model).pushed).id
         self._warnings = self._batch.warning[..., 1]
         self._rest = self._batch.state[0].copy()
 
@@ -103,7 +107,7 @@ class PlanarHumanoidVectorEnv(VectorEnv[Float32, Float32, Any]):
         return observation, _after_reset(info, posture, np.arange(0))
 
     def step(self, actions: Float32) -> Step:
-        """Advance by one control step with `actions` (N, 21) in [-1, 1] held; larger ones are clipped."""
+        """Advance by one control step with `actions` (N, A) in [-1, 1] held; larger ones are clipped."""
         task.check_actions(actions, self._controls.shape)
         np.clip(actions, -1.0, 1.0, out=self._controls)
         before = self._qpos[:, 0].copy()
@@ -147,15 +151,15 @@ class PlanarHumanoidVectorEnv(VectorEnv[Float32, Float32, Any]):
         self._bank = self._bank.mixed(bank, share)
 
     def push(self, force: NDArray[np.float64]) -> None:
-        """From now on, forward forces (N,), in newtons, act on the chest's centre of mass; a restarted row has none."""
+        """From now on, forward forces (N,), N, act on the pushed body's centre of mass; a restarted row has none."""
         self._forces[:, self._pushed, 0] = force
 
     def states(self) -> NDArray[np.float64]:
-        """Physics states (N, 48): qpos and qvel, for films and for `set_states`."""
+        """Physics states (N, nq + nv): qpos and qvel, for films and for `set_states`."""
         return np.concatenate([self._qpos, self._qvel], axis=1)
 
     def set_states(self, states: NDArray[np.float64]) -> Float32:
-        """Start episodes in the given states (N, 48) and return their observations."""
+        """Start episodes in the given states (N, nq + nv) and return their observations."""
         if states.shape != (self.num_envs, self.model.nq + self.model.nv):
             raise ValueError(f"states must have shape {(self.num_envs, self.model.nq + self.model.nv)}")
         self._place(np.arange(self.num_envs), *np.split(states, [self.model.nq], axis=1))

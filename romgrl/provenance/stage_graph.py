@@ -45,7 +45,7 @@ class Stage:
         return [] if self.printed is None else load_function(self.printed)(directory)
 
 
-BODY = ("humanoid.xml", "humanoid.height", "humanoid.mass", "humanoid.control_frequency")
+BODY = ("humanoid.xml", "humanoid.skeleton", "humanoid.height", "humanoid.mass", "humanoid.control_frequency")
 STAGES: dict[str, Stage] = {
     "teacher": Stage(
         "PPO learns a gait on the reduced-order model",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,6 @@ from romgrl.report.encoder import FilmError, Image, write_film
 from romgrl.report.style import COLORS, INK, WALKER_LABELS, new_figure
 
 __all__ = ["FilmError", "Image", "write_film"]
-LEFT, RIGHT = "L_", "R_"
 
 
 def stride_steps(states: Floats, stride_frequency: float, dt: float, poses: int) -> NDArray[np.int64]:
@@ -35,12 +34,14 @@ def strip_of_pictures(rows: Mapping[str, Sequence[Image]], times: Mapping[str, F
     return figure
 
 
-def strip_of_sticks(model: Any, rows: Mapping[str, Floats], times: Mapping[str, Floats]) -> Figure:
-    """Stick figures of states (P, nq or more) from the side, one row per walker; the right side is faint."""
+def strip_of_sticks(
+    model: Any, rows: Mapping[str, Floats], times: Mapping[str, Floats], far: Collection[str]
+) -> Figure:
+    """Stick figures of states (P, nq or more) from the side, one row per walker; bodies of the `far` side are faint."""
     figure, grid = _strip(rows, times)
     for (name, states), axes in zip(rows.items(), grid, strict=True):
         for plot, state in zip(axes, states, strict=True):
-            segments, faint = side_view(model, state)
+            segments, faint = side_view(model, state, far)
             plot.add_collection(LineCollection(list(segments[faint]), colors=COLORS[name], linewidths=1.6, alpha=0.4))
             plot.add_collection(LineCollection(list(segments[~faint]), colors=COLORS[name], linewidths=2.2))
             plot.axhline(0.0, color=INK, linewidth=0.8)
@@ -51,8 +52,8 @@ def strip_of_sticks(model: Any, rows: Mapping[str, Floats], times: Mapping[str, 
     return figure
 
 
-def side_view(model: Any, state: Floats) -> tuple[Floats, NDArray[np.bool_]]:
-    """Lines (S, 2, 2) m from each body to its parent, x relative to the root, and which are of the right side (S,)."""
+def side_view(model: Any, state: Floats, far: Collection[str]) -> tuple[Floats, NDArray[np.bool_]]:
+    """Lines (S, 2, 2) m from each body to its parent, x relative to the root, and which bodies are of `far` (S,)."""
     import mujoco
 
     data = mujoco.MjData(model)
@@ -61,8 +62,8 @@ def side_view(model: Any, state: Floats) -> tuple[Floats, NDArray[np.bool_]]:
     children = [body for body in range(2, model.nbody) if model.body_parentid[body] > 0]
     parents = [int(model.body_parentid[body]) for body in children]
     points = data.xpos[:, [0, 2]] - [data.xpos[1, 0], 0.0]
-    right = [model.body(body).name.startswith(RIGHT) for body in children]
-    return np.stack((points[parents], points[children]), axis=1), np.asarray(right, bool)
+    faint = [model.body(body).name in far for body in children]
+    return np.stack((points[parents], points[children]), axis=1), np.asarray(faint, bool)
 
 
 def _strip(rows: Mapping[str, Sequence[Any] | Floats], times: Mapping[str, Floats]) -> tuple[Figure, Any]:

@@ -17,6 +17,7 @@ from romgrl.gait.alignment import align, last_windows
 from romgrl.gait.features import Gait, gait_from_reference, gait_from_rollouts
 from romgrl.humanoid.model import configured
 from romgrl.humanoid.rendering import RenderingError, SideCamera
+from romgrl.humanoid.skeleton import skeleton_of
 from romgrl.report import figures, film, human_band_figure, markdown_report, side_by_side_film, tables
 from romgrl.report.style import save
 from romgrl.rom.registry import MODELS
@@ -134,7 +135,7 @@ def draw_filmstrip(
     times = {name: dt * (values - values[0]) for name, values in steps.items()}
     poses = {name: values[steps[name]] for name, values in states.items()}
     if camera is None:
-        return film.strip_of_sticks(model, poses, times)
+        return film.strip_of_sticks(model, poses, times, far=skeleton_of(model).right_side)
     rows = {name: [crop(camera.frame(state)) for state in values] for name, values in poses.items()}
     return film.strip_of_pictures(rows, times)
 

@@ -15,6 +15,7 @@ from romgrl.artifacts import MANIFEST, read_manifest
 from romgrl.config.schema import Config
 from romgrl.errors import ArtifactError
 from romgrl.gait.features import Gait, gait_from_reference, gait_from_rollouts
+from romgrl.humanoid.skeleton import skeleton_of
 from romgrl.report import markdown_report
 from romgrl.report.page import charts, html, scene, tables, training_charts
 from romgrl.report.page.intervals import error_intervals
@@ -52,9 +53,10 @@ def write_page(
     sections = gait_charts(tracks, there, teacher.dt) | curves_of_training(config, inputs, health)
     sections["errors"] = [charts.error_chart(aligned)]
     manifests = {name: read_manifest(inputs[name]) for name in SHOWN_STAGES if (inputs[name] / MANIFEST).is_file()}
+    parts = scene.segments(model, skeleton_of(model).right_side)
     html.render_page(
         output / PAGE_FILE,
-        scene=scene.scene(tracks, scene.segments(model), rom_parameters(config).foot_radius, teacher.dt),
+        scene=scene.scene(tracks, parts, rom_parameters(config).foot_radius, teacher.dt),
         sections=sections,
         title=f"Gait at {config.speed:g} m/s",
         headline=markdown_report.summary(errors, gaits),

@@ -18,7 +18,6 @@ from romgrl.config.schema import Config
 from romgrl.gait.discriminator_windows import FrameWindows, WindowLayout
 from romgrl.humanoid.model import identity
 from romgrl.humanoid.reference_states import reference_bank
-from romgrl.humanoid.skeleton import HINGES
 from romgrl.humanoid.start_states import BANK_SIZE
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 from romgrl.runtime.stage_log import StageLog
@@ -174,5 +173,5 @@ def tell(
 def explore(learner: RomGrl, current: Tensor, env: PlanarHumanoidVectorEnv, *, random: bool) -> Tensor:
     """Actions (N, A) of the exploring policy, uniform ones before learning starts."""
     if random:
-        return 2 * torch.rand((env.num_envs, len(HINGES)), generator=learner.sac.generator, device=current.device) - 1
+        return 2 * torch.rand((env.num_envs, env.model.nu), generator=learner.sac.generator, device=current.device) - 1
     return learner.sac.act(learner.normalizer.apply_(current.clone()))

@@ -205,6 +205,13 @@ def test_stages_of_the_schema_are_those_of_the_graph() -> None:
     assert not any(set(stage_graph.STAGES[stage].upstream) & set(OPTIONAL_STAGES) for stage in stage_graph.STAGES)
 
 
+def test_skeletons_of_the_schema_are_those_of_the_humanoid() -> None:
+    from romgrl.humanoid.skeleton import SKELETONS
+
+    assert schema_keys()["humanoid.skeleton"].metadata["choices"] == tuple(SKELETONS)
+    assert all(skeleton.name == name for name, skeleton in SKELETONS.items())
+
+
 @pytest.mark.parametrize(("name", "teacher"), [("walking", "walking"), ("paper", "running"), ("teacher", "running")])
 def test_usual_budgets_are_those_of_the_groups_that_a_sweep_names(name: str, teacher: str, tmp_path: Path) -> None:
     with initialize_config_dir(str(CONF), version_base="1.3"):

@@ -152,6 +152,10 @@ def humanoid_calls(make: Generator) -> Calls:
         "x_axes": [[1.0, 0.0, 0.0]] * 3,
         "z_axes": [[0.0, 0.0, 1.0]] * 3,
         "rest": [0.0] * 4,
+        "left_ankle": 1,
+        "right_ankle": 2,
+        "neck": 1,
+        "head": 2,
     }
 
     def observe() -> None:

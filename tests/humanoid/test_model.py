@@ -14,7 +14,7 @@ from romgrl.humanoid.anthropometry import DE_LEVA, MASS_SHARES, mass_fraction
 from romgrl.humanoid.model import build, dimensions
 from romgrl.humanoid.own_body import human_spec
 from romgrl.humanoid.sagittal_plane import hold_in_plane
-from romgrl.humanoid.skeleton import BODIES, HINGES, PARENTS, mirror_joints, other_side
+from romgrl.humanoid.skeleton import SMPL
 from tests.humanoid.files import humenv_xml
 
 LIMBS = ("upper_arm", "forearm", "hand", "thigh", "shank", "foot")
@@ -29,7 +29,7 @@ def test_masses_are_de_levas() -> None:
             names = [f"L_{name}" for name in names]
         mass = sum(model.body(name).mass[0] for name in names)
         assert mass / 80.0 == pytest.approx(DE_LEVA[segment].mass, abs=1e-12), segment
-    assert sum(mass_fraction(name) for name in BODIES) == pytest.approx(1.0, abs=1e-12)
+    assert sum(mass_fraction(name) for name in SMPL.bodies) == pytest.approx(1.0, abs=1e-12)
     with pytest.raises(ValueError, match="no such body"):
         mass_fraction("Tail")
 
@@ -59,24 +59,24 @@ def test_dimensions_scale_with_height() -> None:
 def test_tree_and_degrees_of_freedom() -> None:
     model = build()
     assert (model.nq, model.nv, model.nu) == (24, 24, 21)
-    assert [model.body(index).name for index in range(1, 25)] == list(BODIES)
-    for name, parent in PARENTS.items():
+    assert [model.body(index).name for index in range(1, 25)] == list(SMPL.bodies)
+    for name, parent in SMPL.parents.items():
         assert model.body(model.body(name).parentid[0]).name == parent
-    assert [model.joint(index).name for index in range(3, 24)] == list(HINGES)
+    assert [model.joint(index).name for index in range(3, 24)] == list(SMPL.hinges)
     assert model.actuator_ctrlrange.tolist() == [[-1.0, 1.0]] * 21
     assert model.opt.timestep == pytest.approx(1 / 240)
 
 
 def test_left_equals_right() -> None:
     model = build()
-    for name in BODIES:
-        body, other = model.body(name), model.body(other_side(name))
+    for name in SMPL.bodies:
+        body, other = model.body(name), model.body(SMPL.other_side(name))
         assert body.pos == pytest.approx(other.pos * [-1, 1, 1], abs=0)
         assert (body.mass[0], *body.inertia) == (other.mass[0], *other.inertia)
-    for name in HINGES:
-        joint, other = model.joint(name), model.joint(other_side(name))
+    for name in SMPL.hinges:
+        joint, other = model.joint(name), model.joint(SMPL.other_side(name))
         assert (*joint.range, *joint.damping, joint.armature[0]) == (*other.range, *other.damping, other.armature[0])
-        servo, opposite = model.actuator(name), model.actuator(other_side(name))
+        servo, opposite = model.actuator(name), model.actuator(SMPL.other_side(name))
         assert servo.biasprm.tolist() == opposite.biasprm.tolist()
 
 
@@ -226,5 +226,5 @@ def test_the_users_own_humanoid() -> None:
 
 
 def test_mirror_of_joints_is_its_own_inverse() -> None:
-    permutation = mirror_joints().permutation
+    permutation = SMPL.mirror_joints().permutation
     assert permutation[permutation].tolist() == list(range(24))

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from romgrl.humanoid.model import build, dimensions
-from romgrl.humanoid.observation import OBSERVATION_SIZE, observe, varying_columns
+from romgrl.humanoid.observation import observe, varying_columns
 from romgrl.humanoid.planar_observer import FASTEST, GAIT_FEATURES, TRUNK_LEAN, PlanarObserver
-from romgrl.humanoid.skeleton import BODIES, mirror_joints
+from romgrl.humanoid.skeleton import SMPL
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 from tests.humanoid.files import humenv_cases, humenv_xml
 
@@ -42,7 +42,7 @@ def test_standing_by_hand() -> None:
     qpos = np.zeros(24)
     qpos[1] = 1.0
     observation = observe(model, planar_data(model, qpos, qvel))
-    assert observation.shape == (OBSERVATION_SIZE,)
+    assert observation.shape == (SMPL.observation_size,)
     assert observation[0] == 1.0
     left_hip = model.body("L_Hip").pos  # left, up, forward
     assert observation[1:4] == pytest.approx([0.0, left_hip[0], left_hip[1]])
@@ -78,9 +78,9 @@ def _chain() -> str:
     geom = "<geom size='0.1' mass='1'/>"
     opening = "".join(
         f"<body name='{name}' pos='0.1 0.05 0.02'>{geom}" + ("<freejoint/>" if name == "Pelvis" else "")
-        for name in BODIES
+        for name in SMPL.bodies
     )
-    return f"<mujoco><worldbody>{opening}{'</body>' * len(BODIES)}</worldbody></mujoco>"
+    return f"<mujoco><worldbody>{opening}{'</body>' * len(SMPL.bodies)}</worldbody></mujoco>"
 
 
 FREE_BODIES = _chain()
@@ -188,7 +188,7 @@ def test_compact_columns() -> None:
     assert np.array_equal(columns, varying_columns(build(height=1.6)))
     env = PlanarHumanoidVectorEnv(num_envs=32)
     observation, _ = env.reset(seed=0)
-    constant = np.setdiff1d(np.arange(OBSERVATION_SIZE), columns)
+    constant = np.setdiff1d(np.arange(SMPL.observation_size), columns)
     generator = np.random.default_rng(0)
     for _ in range(30):
         later, *_ = env.step(generator.uniform(-1, 1, (32, 21)).astype(np.float32))
@@ -198,7 +198,7 @@ def test_compact_columns() -> None:
 def test_mirror_of_state_observation_and_step() -> None:
     env = PlanarHumanoidVectorEnv(num_envs=64, fall_pelvis_height=0, fall_head_height=0, fall_trunk_lean=9)
     env.reset(seed=1)
-    joints = mirror_joints()
+    joints = SMPL.mirror_joints()
     states = env.states()
     mirrored = np.concatenate([joints.image(states[:, :24]), joints.image(states[:, 24:])], axis=1)
     action = np.random.default_rng(0).uniform(-1, 1, (64, 21)).astype(np.float32)

@@ -6,8 +6,8 @@ import pytest
 
 from romgrl.humanoid.model import build, lowest_point
 from romgrl.humanoid.planar_observer import GAIT_FEATURES, PlanarObserver
-from romgrl.humanoid.reference_states import ANGLE, FASTEST, follow, reference_bank
-from romgrl.humanoid.skeleton import mirror_joints
+from romgrl.humanoid.reference_states import FASTEST, follow, reference_bank
+from romgrl.humanoid.skeleton import SMPL
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 
 DT = 1 / 30
@@ -42,7 +42,7 @@ def test_pelvis_and_ankles_lie_where_the_reference_has_them(model, features):
 
 def test_the_angles_of_a_pose_come_back_from_its_own_features(model):
     generator, legs = np.random.default_rng(0), [f"{side}_{joint}" for side in "LR" for joint in ("Hip", "Knee")]
-    columns, qpos = [ANGLE[name] for name in legs], np.zeros((50, model.nq))
+    columns, qpos = [SMPL.column[name] for name in legs], np.zeros((50, model.nq))
     qpos[:, columns] = generator.uniform([-0.8, 0.25, -0.8, 0.25], [0.4, 1.8, 0.4, 1.8], (50, 4))
     assert np.allclose(follow(model, seen(model, qpos))[:, columns], qpos[:, columns], atol=1e-9)
 
@@ -52,7 +52,7 @@ def test_a_foot_out_of_reach_leaves_the_leg_nearly_straight_and_pointing_at_it(m
     left, right = seen(model, follow(model, far))[0, 1:].reshape(2, 2)
     assert left[0] > 0.4
     assert right[0] < -0.3
-    assert follow(model, far)[0, ANGLE["L_Knee"]] < 0.25
+    assert follow(model, far)[0, SMPL.column["L_Knee"]] < 0.25
 
 
 def test_joint_speeds_move_the_feet_as_the_reference_does(model, features):
@@ -74,8 +74,8 @@ def test_no_pose_is_below_the_floor_and_half_are_mirrored(model, features):
         data.qpos[:] = row
         mujoco.mj_kinematics(model, data)
         assert lowest_point(model, data) > -1e-9
-    assert np.array_equal(bank.qpos[16:], mirror_joints().image(bank.qpos[:16]))
-    assert np.array_equal(bank.qvel[16:], mirror_joints().image(bank.qvel[:16]))
+    assert np.array_equal(bank.qpos[16:], SMPL.mirror_joints().image(bank.qpos[:16]))
+    assert np.array_equal(bank.qvel[16:], SMPL.mirror_joints().image(bank.qvel[:16]))
 
 
 def test_episodes_shorter_than_three_steps_are_refused(model, features):

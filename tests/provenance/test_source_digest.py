@@ -117,6 +117,7 @@ EDITED = {
     "rom/registry.py": ROM_LEARNED | {"report", "robustness"},
     "rom/return_map.py": {"robustness"},
     "rom/drawing.py": {"report", "robustness"},
+    "humanoid/skeleton.py": set(STAGES),
     "humanoid/own_body.py": set(STAGES),  # its sizes are those of the reduced-order model
     "humanoid/task.py": HUMANOID_RUNS,
     "humanoid/vector_env.py": HUMANOID_RUNS,

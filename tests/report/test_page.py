@@ -13,6 +13,7 @@ import pytest
 from romgrl.gait import human_bands
 from romgrl.gait.features import Gait
 from romgrl.humanoid.model import build
+from romgrl.humanoid.skeleton import SMPL
 from romgrl.report.page import charts, html, intervals, scene, strides, tables
 from tests.gait.synthetic import DT, run
 
@@ -46,7 +47,7 @@ def test_segments_are_the_bodies_of_the_model() -> None:
     state = np.zeros(model.nq)
     state[0] = 7.0
     points, x = scene.humanoid_points(model, state[None])
-    parts = scene.segments(model)
+    parts = scene.segments(model, SMPL.right_side)
     lines = points.reshape(len(parts), 2, 2)
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)

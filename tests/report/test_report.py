@@ -18,6 +18,7 @@ from romgrl.gait.measures import MEASURES
 from romgrl.gait.metrics import describe
 from romgrl.humanoid.model import build
 from romgrl.humanoid.rendering import RenderingError
+from romgrl.humanoid.skeleton import SMPL
 from romgrl.report import figures, film, markdown_report, style, tables
 from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import report
@@ -169,13 +170,13 @@ def test_stride_steps_span_one_stride() -> None:
 
 def test_stick_figure_of_a_standing_humanoid() -> None:
     model = build()
-    segments, right = film.side_view(model, np.zeros(model.nq))
+    segments, right = film.side_view(model, np.zeros(model.nq), SMPL.right_side)
     assert segments.shape == (23, 2, 2)
     assert 8 <= right.sum() <= 10
     assert segments[..., 1].max() - segments[..., 1].min() > 1.3
     pictures = {"student": np.zeros((3, model.nq)), "baseline": np.zeros((3, model.nq))}
     times = dict.fromkeys(pictures, np.arange(3.0))
-    figure = film.strip_of_sticks(model, pictures, times)
+    figure = film.strip_of_sticks(model, pictures, times, SMPL.right_side)
     assert [same_color(axes.collections[1].get_color()[0], BLUE) for axes in figure.axes] == [True] * 3 + [False] * 3
 
 

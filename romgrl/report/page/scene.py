@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,7 +15,6 @@ from romgrl.report.page.strides import contacts, landings
 
 PLAYER_TIME = 10.0  # s
 MILLIMETRES = 1000.0  # per metre: points travel as whole millimetres in 16 bits
-FAR_SIDE = "R_"
 
 
 @dataclass(frozen=True)
@@ -88,13 +87,10 @@ def rom_points(features: Floats) -> Floats:
     return np.stack((hip, left, right), axis=1)
 
 
-def segments(model: Any) -> list[DrawnSegment]:
-    """The drawn parts of a humanoid: one for each of its geoms."""
+def segments(model: Any, far: Collection[str]) -> list[DrawnSegment]:
+    """The drawn parts of a humanoid: one for each of its geoms; `far` names the bodies of the far side."""
     shapes = _shapes(model)
-    return [
-        DrawnSegment(radius, model.body(model.geom_bodyid[geom]).name.startswith(FAR_SIDE))
-        for geom, _, _, radius in shapes
-    ]
+    return [DrawnSegment(radius, model.body(model.geom_bodyid[geom]).name in far) for geom, _, _, radius in shapes]
 
 
 def humanoid_points(model: Any, states: Floats) -> tuple[Floats, Floats]:

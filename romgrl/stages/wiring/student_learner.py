@@ -14,7 +14,6 @@ from romgrl.algorithms.rom_grl import RomGrl
 from romgrl.algorithms.sac import SAC
 from romgrl.config.schema import Config
 from romgrl.gait.discriminator_windows import WindowLayout, reference_windows
-from romgrl.humanoid.skeleton import HINGES
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 from romgrl.stages.wiring.artifact_arrays import read_reference
 
@@ -32,7 +31,7 @@ def build_learner(
         capacity=student.buffer_size,
         num_envs=env.num_envs,
         observation_size=len(env.columns),
-        action_size=len(HINGES),
+        action_size=env.model.nu,
         frame_size=layout.size,
         seed=config.seed,
         device=config.device,
@@ -42,7 +41,7 @@ def build_learner(
     )
     sac = SAC(
         observation_size=len(env.columns),
-        action_size=len(HINGES),
+        action_size=env.model.nu,
         hidden_sizes=list(student.hidden_sizes),
         layer_norm=student.layer_norm,
         policy_learning_rate=student.policy_learning_rate,
