@@ -9,7 +9,7 @@ from types import ModuleType
 import pytest
 
 from romgrl.algorithms.adversarial_losses import LOSSES
-from romgrl.algorithms.sac import load_policy
+from romgrl.algorithms.sac import load_sac_policy
 from romgrl.cli.arguments import faults
 from romgrl.gait.measures import MEASURES
 from romgrl.humanoid.skeleton import SKELETONS
@@ -65,7 +65,7 @@ def test_a_stage() -> None:
 
 
 def test_another_body() -> None:
-    policy = load_policy(example("other_body").main(1000))
+    policy = load_sac_policy(example("other_body").main(1000))
     assert policy.policy.sizes[-1] == 2 * 7  # mean and spread for each of its hinges
 
 

@@ -6,7 +6,7 @@ import json
 from collections.abc import Collection, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -15,21 +15,35 @@ from romgrl.artifacts import load_tensors
 from romgrl.errors import ArtifactError
 
 NETWORK = "network"  # the metadata that holds the sizes, as JSON
+COLUMN_NAMES = "observation_names"  # in there: of the columns that the policy reads
 Shape = tuple[int, ...]
 
 
+class PolicyFile(NamedTuple):
+    """What a file says: its tensors, sizes and options of the network, the humanoid, the names of what it reads."""
+
+    tensors: dict[str, Tensor]
+    network: dict[str, Any]
+    humanoid: Any
+    observation_names: list[str] | None  # files of old have none
+
+
 def read_policy(
-    path: Path, *, algorithm: str, sizes: Collection[str], options: Mapping[str, Collection[Any]]
-) -> tuple[dict[str, Tensor], dict[str, Any], Any]:
-    """Tensors, description of the network and humanoid of a policy of `algorithm`, or ArtifactError.
+    path: Path, *, algorithm: str, sizes: tuple[str, str], options: Mapping[str, Collection[Any]]
+) -> PolicyFile:
+    """The file of a policy of `algorithm`, or ArtifactError.
 
     The description must have just the `sizes`, whole numbers, the list `hidden_sizes`, and each of `options` with one
-    of its values; no tensor may hold a number that is not finite.
+    of its values; names, if any, are as many as the first size. No tensor may hold a number that is not finite.
     """
     tensors, metadata = load_tensors(path)
     try:
         network = json.loads(metadata[NETWORK])
-        found, humanoid = network.pop("algorithm"), network.pop("humanoid", None)
+        found, humanoid, names = (
+            network.pop("algorithm"),
+            network.pop("humanoid", None),
+            network.pop(COLUMN_NAMES, None),
+        )
     except (KeyError, ValueError, AttributeError, TypeError, RecursionError) as error:
         raise ArtifactError(f"{path}: does not describe its network; needed: metadata `{NETWORK}`") from error
     require(path, "algorithm", found, algorithm)
@@ -46,7 +60,18 @@ def read_policy(
     for name, tensor in tensors.items():
         if tensor.is_floating_point() and not bool(torch.isfinite(tensor).all()):
             raise ArtifactError(f"{path}: {name} holds numbers that are not finite")
-    return tensors, network, humanoid
+    if names is not None and (not isinstance(names, list) or len(names) != network[sizes[0]]):
+        raise ArtifactError(
+            f"{path}: {COLUMN_NAMES} {names!r:.80}; needed: {network[sizes[0]]} names, one for each column"
+        )
+    return PolicyFile(tensors, network, humanoid, names)
+
+
+def require_names(path: Path, found: Sequence[str] | None, needed: Sequence[str]) -> None:
+    """Raise ArtifactError for the first column that a policy knows by another name; one without names may be any."""
+    for column, (one, other) in enumerate(zip(found or (), needed, strict=False)):
+        if one != other:
+            raise ArtifactError(f"{path}: column {column} of what it reads is {one}; needed: {other}")
 
 
 def check_tensors(path: Path, tensors: Mapping[str, Tensor], needed: Mapping[str, tuple[torch.dtype, Shape]]) -> None:

@@ -15,7 +15,15 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from romgrl.algorithms.networks.stacked_mlp import ACTIVATIONS, StackedMLP
-from romgrl.algorithms.policy_file import check_tensors, layer_sizes, read_policy, require
+from romgrl.algorithms.policy_file import (
+    COLUMN_NAMES,
+    NETWORK,
+    check_tensors,
+    layer_sizes,
+    read_policy,
+    require,
+    require_names,
+)
 from romgrl.algorithms.rollout_buffer import Rollout, compute_gae
 from romgrl.algorithms.second_thread import start
 from romgrl.algorithms.tensor_state import optimizer_state, put, restore_optimizer
@@ -244,22 +252,27 @@ def tensors_in_file(network: StackedMLP) -> dict[str, Tensor]:
     return named
 
 
-def save_ppo_policy(path: Path, ppo: PPO) -> None:
-    """Write the policy network and its spread as safetensors, with what is needed to rebuild it in the metadata."""
+def save_ppo_policy(path: Path, ppo: PPO, names: Sequence[str] | None = None) -> None:
+    """Write the policy network and its spread as safetensors, with what is needed to rebuild it in the metadata.
+
+    `names`: of the columns of its observations.
+    """
     tensors = {name: tensor.cpu() for name, tensor in tensors_in_file(ppo.policy).items()}
-    spec = {"algorithm": "ppo", "input_size": ppo.policy.sizes[0], "output_size": len(ppo.log_std), **ppo.spec}
-    save_tensors(path, tensors | {"log_std": ppo.log_std.cpu()}, {"network": json.dumps(spec)})
+    sizes = {"input_size": ppo.policy.sizes[0], "output_size": len(ppo.log_std)}
+    spec = {"algorithm": "ppo", COLUMN_NAMES: names, **sizes, **ppo.spec}
+    save_tensors(path, tensors | {"log_std": ppo.log_std.cpu()}, {NETWORK: json.dumps(spec)})
 
 
-def load_ppo_policy(path: Path, fits: Mapping[str, object] | None = None) -> PPOPolicy:
+def load_ppo_policy(path: Path, fits: Mapping[str, object] | None = None, names: Sequence[str] = ()) -> PPOPolicy:
     """Deterministic policy from a file of `save_ppo_policy`. Raises ArtifactError for any other.
 
-    `fits`: what the description of its network must say, such as input_size.
+    `fits`: what the description of its network must say, such as input_size; `names`: what its columns must be called.
     """
     sizes, options = ("input_size", "output_size"), {"activation": ACTIVATIONS}
-    tensors, spec, _ = read_policy(path, algorithm="ppo", sizes=sizes, options=options)
+    tensors, spec, _, columns = read_policy(path, algorithm="ppo", sizes=sizes, options=options)
     for name, needed in (fits or {}).items():
         require(path, name, spec[name], needed)
+    require_names(path, columns, names)
     shapes: dict[str, tuple[int, ...]] = {"log_std": (spec["output_size"],)}
     for layer, (inputs, outputs) in enumerate(layer_sizes(spec, *sizes)):
         shapes |= {f"{2 * layer}.weight": (outputs, inputs), f"{2 * layer}.bias": (outputs,)}

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,14 @@ from torch import Tensor
 from romgrl.algorithms.divergence import require_finite
 from romgrl.algorithms.networks import squashed_gaussian
 from romgrl.algorithms.networks.stacked_mlp import StackedMLP
-from romgrl.algorithms.policy_file import check_tensors, layer_sizes, read_policy, require_humanoid
+from romgrl.algorithms.policy_file import (
+    COLUMN_NAMES,
+    NETWORK,
+    check_tensors,
+    layer_sizes,
+    read_policy,
+    require_humanoid,
+)
 from romgrl.algorithms.replay_buffer import Batch
 from romgrl.algorithms.second_thread import start
 from romgrl.algorithms.tensor_state import optimizer_state, put_all, restore_optimizer
@@ -186,8 +193,10 @@ class SAC:
 class SACPolicy:
     """The mean action of a trained policy: (N, 358) float32 -> (N, A) float32 in [-1, 1]."""
 
-    def __init__(self, policy: StackedMLP, columns: Tensor, mean: Tensor, scale: Tensor) -> None:
-        self.policy, self.columns, self.mean, self.scale = policy, columns, mean, scale
+    def __init__(
+        self, policy: StackedMLP, columns: Tensor, mean: Tensor, scale: Tensor, *, names: Sequence[str] | None = None
+    ) -> None:
+        self.policy, self.columns, self.mean, self.scale, self.names = policy, columns, mean, scale, names
 
     def __call__(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
         inputs = (torch.from_numpy(observation)[:, self.columns] - self.mean) * self.scale
@@ -197,16 +206,22 @@ class SACPolicy:
 
 
 def save_sac_policy(
-    path: Path, sac: SAC, columns: Tensor, mean: Tensor, scale: Tensor, humanoid: Mapping[str, str] | None = None
+    path: Path,
+    sac: SAC,
+    columns: Tensor,
+    mean: Tensor,
+    scale: Tensor,
+    humanoid: Mapping[str, str] | None = None,
+    names: Sequence[str] | None = None,
 ) -> None:
     """Write the averaged policy with the columns it reads and their normalisation (safetensors).
 
-    `humanoid`: the fingerprint of the model and the words that explain it.
+    `humanoid`: the fingerprint of the model and the words that explain it; `names`: of the columns.
     """
     tensors = {f"policy.{name}": value.cpu().clone() for name, value in sac.average.named_tensors().items()}
     tensors |= {"columns": columns.cpu(), "observation_mean": mean.cpu(), "observation_scale": scale.cpu()}
-    network = json.dumps({"algorithm": "sac", "humanoid": humanoid, **sac.network})
-    save_tensors(path, tensors, {"network": network})
+    network = {"algorithm": "sac", "humanoid": humanoid, COLUMN_NAMES: names, **sac.network}
+    save_tensors(path, tensors, {NETWORK: json.dumps(network)})
 
 
 def load_sac_policy(path: Path, humanoid: Mapping[str, str] | None = None) -> SACPolicy:
@@ -215,7 +230,7 @@ def load_sac_policy(path: Path, humanoid: Mapping[str, str] | None = None) -> SA
     `humanoid`: the model that it must have been trained on, as `save_sac_policy` takes it; None: any.
     """
     sizes, options = ("inputs", "outputs"), {"layer_norm": (True, False)}
-    tensors, network, trained_on = read_policy(path, algorithm="sac", sizes=sizes, options=options)
+    tensors, network, trained_on, names = read_policy(path, algorithm="sac", sizes=sizes, options=options)
     if humanoid is not None:
         require_humanoid(path, trained_on, humanoid)
     columns = (network["inputs"],)
@@ -228,4 +243,5 @@ def load_sac_policy(path: Path, humanoid: Mapping[str, str] | None = None) -> SA
     policy = StackedMLP(stack=1, **network)
     for name, value in policy.named_tensors().items():
         value.copy_(tensors[f"policy.{name}"])
-    return SACPolicy(policy, tensors["columns"], tensors["observation_mean"], tensors["observation_scale"])
+    moments = tensors["observation_mean"], tensors["observation_scale"]
+    return SACPolicy(policy, tensors["columns"], *moments, names=names)

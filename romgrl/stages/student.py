@@ -76,7 +76,9 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
 
         def save(moments: tuple[Tensor, Tensor] | None = None) -> None:
             mean_and_scale = moments or learner.normalizer.mean_and_scale()
-            save_sac_policy(output / "policy.safetensors", learner.sac, columns, *mean_and_scale, humanoid)
+            save_sac_policy(
+                output / "policy.safetensors", learner.sac, columns, *mean_and_scale, humanoid, env.observation_names
+            )
 
         train(config, env, windows, learner, candidates, log, output, save)
         save(choose(config, learner, candidates, columns, windows.layout, output, log))

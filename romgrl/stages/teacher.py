@@ -43,8 +43,8 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
     with second_lane(config.threads > 1) as lane:
         ppo = build_learner(config, env, lane)
         with closing(env):
-            train(config, env, ppo, log, output, save=lambda: save_ppo_policy(path, ppo))
-    save_ppo_policy(path, ppo)
+            train(config, env, ppo, log, output, save=lambda: save_ppo_policy(path, ppo, env.observation_names))
+    save_ppo_policy(path, ppo, env.observation_names)
     row = describe(check_gait(config, load_ppo_policy(path)), target_speed=config.teacher.speed)
     write_row(output / "gait.csv", {"walker": "teacher", **row})
     log.message(

@@ -20,6 +20,7 @@ from romgrl.algorithms.ppo import (
 from romgrl.algorithms.rollout_buffer import Rollout, compute_gae
 from romgrl.algorithms.second_thread import second_lane
 from romgrl.artifacts import load_tensors
+from romgrl.errors import ArtifactError
 from romgrl.gait.symmetry import Mirror, unsigned
 from tests.helpers.automatic_gradients import forward_by_autograd
 
@@ -335,3 +336,16 @@ def test_policy_round_trip(activation: str, tmp_path: Path) -> None:
     assert action.dtype == np.float32
     assert (np.abs(action) == 1.0).any()
     np.testing.assert_array_equal(action, expected)
+
+
+def test_a_policy_file_names_the_columns_that_it_reads(tmp_path: Path) -> None:
+    path, names = tmp_path / "policy.safetensors", ("height", "left_load", "right_load")
+    save_ppo_policy(path, make_ppo())
+    load_ppo_policy(path, names=names)  # a file of old has none
+    save_ppo_policy(path, make_ppo(), names)
+    load_ppo_policy(path, names=names)
+    with pytest.raises(ArtifactError, match="column 1 of what it reads is left_load; needed: right_load"):
+        load_ppo_policy(path, names=("height", "right_load", "left_load"))
+    save_ppo_policy(path, make_ppo(), names[:2])
+    with pytest.raises(ArtifactError, match=r"observation_names \['height', 'left_load'\]; needed: 3 names"):
+        load_ppo_policy(path)

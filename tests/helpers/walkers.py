@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import torch
@@ -10,9 +11,15 @@ from romgrl.algorithms.sac import SAC, save_sac_policy
 
 
 def write_walker(
-    path: Path, *, humanoid: str | dict[str, str], seed: int = 0, actions: int = 21, columns: int = 10
+    path: Path,
+    *,
+    humanoid: str | dict[str, str],
+    seed: int = 0,
+    actions: int = 21,
+    columns: int = 10,
+    names: Sequence[str] | None = None,
 ) -> None:
-    """Save the policy of a small learner that has learned nothing."""
+    """Save the policy of a small learner that has learned nothing; it reads the ten columns below `columns`."""
     learner = SAC(
         observation_size=10,
         action_size=actions,
@@ -30,4 +37,6 @@ def write_walker(
         policy_average=0.9,
         seed=seed,
     )
-    save_sac_policy(path, learner, torch.arange(columns - 10, columns), torch.zeros(10), torch.ones(10), humanoid)
+    save_sac_policy(
+        path, learner, torch.arange(columns - 10, columns), torch.zeros(10), torch.ones(10), humanoid, names
+    )

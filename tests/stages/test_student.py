@@ -15,6 +15,7 @@ from romgrl.algorithms.rom_grl import RomGrl
 from romgrl.algorithms.sac import load_sac_policy
 from romgrl.artifacts import load_tensors, save_arrays
 from romgrl.config.schema import Config
+from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import student
 from romgrl.stages.training.student_statistics import EpisodeTally
@@ -97,7 +98,11 @@ def test_the_baseline_knows_no_discriminator(configuration: Composer, tmp_path: 
     log = SilentLog()
     student.run(configuration("student.total_steps=4096", "discriminator=none", "eta=1"), {}, tmp_path, log)
     assert not [name for name in log.rows[-1][1] if name.startswith(("discriminator", "imitation"))]
-    action = load_sac_policy(tmp_path / "policy.safetensors")(np.zeros((3, 358), dtype=np.float32))
+    policy = load_sac_policy(tmp_path / "policy.safetensors")
+    env = PlanarHumanoidVectorEnv(compact=True)
+    assert policy.names == list(env.observation_names)
+    np.testing.assert_array_equal(policy.columns, env.columns)
+    action = policy(np.zeros((3, 358), dtype=np.float32))
     assert action.shape == (3, 21)
     assert np.abs(action).max() <= 1
 

@@ -19,4 +19,4 @@ def read_teacher(directory: Path, config: Config, env: RomVectorEnv) -> ppo.PPOP
         "hidden_sizes": list(config.teacher.hidden_sizes),
         "activation": config.teacher.activation,
     }
-    return ppo.load_ppo_policy(directory / "policy.safetensors", fits)
+    return ppo.load_ppo_policy(directory / "policy.safetensors", fits, env.observation_names)
