@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Collection, Iterator
 from itertools import pairwise
 
-from romgrl.cli.locations import is_file, outputs_directory, tracking_store
+from romgrl.cli.locations import is_file, is_readable, outputs_directory, tracking_store
 from romgrl.config.learners import CRITICS
 from romgrl.config.schema import Config
 from romgrl.config.values import bad_value, fits, refusal, schema_keys, show, value_of
@@ -167,6 +167,8 @@ def humanoid_file(config: Config) -> Iterator[str]:
         return
     if not is_file(humanoid.xml):
         yield refusal("humanoid.xml", humanoid.xml, "a MuJoCo file that exists")
+    elif not is_readable(humanoid.xml):
+        yield refusal("humanoid.xml", humanoid.xml, "a file that can be read")
     else:
         from romgrl.humanoid import model
         from romgrl.humanoid.process_settings import set_up_mujoco
