@@ -28,7 +28,7 @@ from romgrl.runtime import signals
 from romgrl.tracking.sending.store import PARENT_TAG
 from tests.conftest import Composer
 from tests.helpers.fake_stages import wait_for
-from tests.helpers.jobs import Command, start, trainings
+from tests.helpers.jobs import ROOT, Command, start, trainings
 from tests.helpers.limits import LONG, PATIENCE
 from tests.tracking.test_recorder import all_runs
 
@@ -74,7 +74,7 @@ def test_threads_are_shared_by_stages_that_can_run_side_by_side() -> None:
 
 
 def test_the_baseline_trains_beside_the_others(command: Command, tmp_path: Path) -> None:
-    result = command(*TWO, "tracking=none", FAKE_SECONDS="1")
+    result = command(*TWO, "tracking=none", FAKE_SECONDS="1", PYTHONPATH=str(ROOT))  # torch itself says its threads
     assert (result.returncode, result.stderr) == (0, "")
     found = times(tmp_path / "outputs")
     teacher, reference, student, baseline = (found[name] for name in ("teacher", "reference", "student", "baseline"))
