@@ -226,7 +226,7 @@ PRETRAINED = ("student.pretrained", *(key for key in schema_keys() if not key.st
 CHECKS: tuple[tuple[tuple[str, ...], Callable[[Config], Iterator[str]]], ...] = (
     (RANGES, ranges),
     (LEVELS, levels),
-    at_most("robustness.push_duration", "robustness.watch"),
+    at_most("robustness.push_duration", "robustness.horizon"),
     at_most("student.batch_size", "student.buffer_size"),
     at_most("student.learning_starts", "student.total_steps"),
     at_most("evaluation.window", "evaluation.steps"),

@@ -144,6 +144,7 @@ def taller(bench: Bench) -> None:
     write_walker(bench.inputs["student"] / "policy.safetensors", humanoid=model.identity(configured(other.humanoid)))
 
 
+WORK = ((student, "train_student"), (evaluation, "roll_out"), (reference, "record"), (report, "draw_figures"))
 Spoil = Callable[[Bench], object]
 REFERENCE: dict[str, tuple[Spoil, str]] = {
     "four columns": (lambda b: b.reference(**features(columns=4)), "float32 (360, 4); needed: float32 (360, 5)"),
@@ -324,7 +325,12 @@ CASES: dict[str, tuple[str, str, Spoil, str]] = {
 def test_every_misfit_is_named_before_any_training(
     smoke_config: Config, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for module, name in ((student, "train"), (evaluation, "roll_out"), (reference, "record"), (report, "draw_figures")):
+    for module, name in (
+        (student, "train_student"),
+        (evaluation, "roll_out"),
+        (reference, "record"),
+        (report, "draw_figures"),
+    ):
         monkeypatch.setattr(module, name, lambda *_, **__: pytest.fail("it was used"))
     named = 0
     for case, (stage, file, spoil, message) in CASES.items():
@@ -347,7 +353,12 @@ def test_what_fits_is_used(smoke_config: Config, tmp_path: Path, monkeypatch: py
     def used(*_: object, **__: object) -> None:
         raise ZeroDivisionError
 
-    for module, name in ((student, "train"), (evaluation, "roll_out"), (reference, "record"), (report, "draw_figures")):
+    for module, name in (
+        (student, "train_student"),
+        (evaluation, "roll_out"),
+        (reference, "record"),
+        (report, "draw_figures"),
+    ):
         monkeypatch.setattr(module, name, used)
     with pytest.raises(ZeroDivisionError):
         Bench(smoke_config, tmp_path / "bench").run(stage)
