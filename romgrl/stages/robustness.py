@@ -27,7 +27,7 @@ from romgrl.stages.rollouts.orbital_stability import teacher_multipliers, verdic
 from romgrl.stages.wiring.artifact_arrays import WALKERS
 from romgrl.stages.wiring.humanoid import humanoid_env
 from romgrl.stages.wiring.rom import rom_env
-from romgrl.stages.wiring.seeds import ROBUSTNESS
+from romgrl.stages.wiring.seeds import ROBUSTNESS_SEED
 from romgrl.stages.wiring.teacher_policy import read_teacher
 from romgrl.stages.wiring.walker_policy import read_walker
 
@@ -87,7 +87,7 @@ def measure(config: Config, inputs: Mapping[str, Path], log: StageLog) -> pd.Dat
         log.progress(next(ticks), total)
 
     starts = {
-        walker: walk_in(env, policy, delays, seed=config.seed + ROBUSTNESS, tick=tick)
+        walker: walk_in(env, policy, delays, seed=config.seed + ROBUSTNESS_SEED, tick=tick)
         for walker, policy in policies.items()
     }
     spread = observation_spread(list(policies.values()), flatdim(env.single_observation_space))
@@ -103,7 +103,7 @@ def measure(config: Config, inputs: Mapping[str, Path], log: StageLog) -> pd.Dat
                 force=force(config, one, env.dimensions.mass),
                 push_steps=push_steps(config),
                 noise=np.float32(one.level) * spread if one.name == "observation_noise" else None,
-                seed=config.seed + ROBUSTNESS,
+                seed=config.seed + ROBUSTNESS_SEED,
                 tick=tick,
             )
             rows.append(row(one, walker, starts[walker], outcome))
@@ -129,7 +129,7 @@ def disturbances(config: Config) -> list[Disturbance]:
 def settling_steps(config: Config) -> NDArray[np.int64]:
     """Control steps (trials,) from reset until the disturbance: SETTLING_TIME, and up to STRIDE_TIME by chance."""
     low, width = (round(seconds * config.humanoid.control_frequency) for seconds in (SETTLING_TIME, STRIDE_TIME))
-    generator = np.random.default_rng(config.seed + ROBUSTNESS)
+    generator = np.random.default_rng(config.seed + ROBUSTNESS_SEED)
     return max(1, low) + generator.integers(max(1, width), size=config.robustness.trials)
 
 

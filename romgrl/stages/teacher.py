@@ -27,7 +27,7 @@ from romgrl.runtime.stage_log import StageLog
 from romgrl.stages.training.checkpoints import TrainingCheckpoints
 from romgrl.stages.training.teacher_statistics import TeacherTally
 from romgrl.stages.wiring.rom import rom_env
-from romgrl.stages.wiring.seeds import TEACHER_GAIT
+from romgrl.stages.wiring.seeds import TEACHER_GAIT_SEED
 from romgrl.stages.wiring.teacher_learner import build_teacher_learner
 
 CHECK_EPISODES, CHECK_STEPS = 100, 300
@@ -128,7 +128,7 @@ def collect(
 def check_gait(config: Config, policy: DeterministicPolicy) -> Gait:
     """CHECK_EPISODES x CHECK_STEPS of the finished policy, from resets that the training did not see."""
     env = rom_env(config, num_envs=CHECK_EPISODES, episode_steps=CHECK_STEPS + 1)
-    return record(env, policy, steps=CHECK_STEPS, seed=config.seed + TEACHER_GAIT)
+    return record(env, policy, steps=CHECK_STEPS, seed=config.seed + TEACHER_GAIT_SEED)
 
 
 def record(env: SpringLegVectorEnv, policy: DeterministicPolicy, *, steps: int, seed: int) -> Gait:
