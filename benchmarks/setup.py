@@ -71,13 +71,13 @@ class Student:
 def in_student_stage(measure: Callable[[Student], T], config: Config, reference: Path | None = None) -> T:
     """Run the student stage with `measure` in the place of its training, so that threads are laid out as in it."""
     found: list[T] = []
-    train = student.train
+    train = student.train_student
 
     def instead(config: Config, env: PlanarHumanoidVectorEnv, *rest: Any) -> None:
         learner = next(each for each in rest if isinstance(each, RomGrl))
         found.append(measure(Student(config, env, learner, lambda changed: train(changed, env, *rest))))
 
-    with tempfile.TemporaryDirectory() as directory, patch.object(student, "train", instead):
+    with tempfile.TemporaryDirectory() as directory, patch.object(student, "train_student", instead):
         student.run(config, {"reference": reference} if reference else {}, Path(directory), SilentLog())
     return found[0]
 

@@ -23,6 +23,7 @@ from romgrl.gait.features import gait_from_rollouts
 from romgrl.gait.metrics import describe as describe_gait
 from romgrl.stages import evaluation
 from romgrl.stages.wiring.humanoid import humanoid_env
+from romgrl.stages.wiring.seeds import EVALUATION_SEED
 
 SEEDS = (0, 1, 2)
 KEPT = ROOT / "outputs" / "benchmarks"
@@ -148,7 +149,7 @@ def speed_errors(config: Config, policy: Path) -> tuple[float, float] | None:
     """Errors of the steady speed and of the speed from the reset on, m/s, in ten seconds; None after any fall."""
     steps = round(SECONDS * config.humanoid.control_frequency)
     env = humanoid_env(config, num_envs=EPISODES, episode_steps=steps + 1)
-    seed = config.seed + evaluation.SEED_OFFSET  # resets that no training has drawn
+    seed = config.seed + EVALUATION_SEED  # resets that no training has drawn
     rolled = evaluation.roll_out(env, load_sac_policy(policy), steps=steps, seed=seed, progress=lambda step: None)
     env.close()
     arrays: dict[str, Any] = {

@@ -25,7 +25,7 @@ from romgrl.algorithms.policy_file import (
     require_names,
 )
 from romgrl.algorithms.rollout_buffer import Rollout, compute_gae
-from romgrl.algorithms.second_thread import start
+from romgrl.algorithms.second_thread import submit_or_run
 from romgrl.algorithms.tensor_state import optimizer_state, put, restore_optimizer
 from romgrl.artifacts import save_tensors
 from romgrl.gait.symmetry import Mirror
@@ -197,7 +197,7 @@ class PPO:
 
     def _update_minibatch(self, minibatch: Minibatch) -> tuple[Tensor, Tensor, Tensor]:
         """One gradient step; log ratios (N,), errors of the values (N,) and norm of the gradient (1,) before it."""
-        value_error = start(self.lane, self.value_gradient, minibatch)
+        value_error = submit_or_run(self.lane, self.value_gradient, minibatch)
         log_ratio = self.policy_gradient(minibatch)
         error = value_error()
         norm = torch.linalg.vector_norm(self.gradient)

@@ -16,7 +16,7 @@ from romgrl.algorithms.discriminator import Discriminator
 from romgrl.algorithms.networks.running_normalizer import RunningNormalizer
 from romgrl.algorithms.replay_buffer import Batch, ReplayBuffer
 from romgrl.algorithms.sac import SAC, Metrics
-from romgrl.algorithms.second_thread import start
+from romgrl.algorithms.second_thread import submit_or_run
 
 
 @dataclass
@@ -56,7 +56,7 @@ class RomGrl:
         if judge is None or judge.stopped or due == 0:
             return dict
         streams = self.buffer.sample_frames(due * self.discriminator_batch, self.discriminator_recent).chunk(due)
-        return cache(start(self.sac.lane, lambda: [judge.update(stream) for stream in streams][-1]))
+        return cache(submit_or_run(self.sac.lane, lambda: [judge.update(stream) for stream in streams][-1]))
 
     def collected_reward(self, frames: Tensor, judged: Callable[[], Metrics]) -> Tensor | float:
         """Imitation reward (N,) of a step's windows where rewards are stored, once the running update is through."""

@@ -29,7 +29,7 @@ from romgrl.algorithms.policy_file import (
     require_humanoid,
 )
 from romgrl.algorithms.replay_buffer import Batch
-from romgrl.algorithms.second_thread import start
+from romgrl.algorithms.second_thread import submit_or_run
 from romgrl.algorithms.tensor_state import optimizer_state, put_all, restore_optimizer
 from romgrl.artifacts import save_tensors
 
@@ -101,9 +101,9 @@ class SAC:
         next_noise, noise = self._noise(2, len(reward))
         due = self.updates % self.policy_delay == 0
         policy: Callable[[], Metrics] | None = None
-        following = start(self.lane, self.sample, batch.next_observation, next_noise, "next_policy")
+        following = submit_or_run(self.lane, self.sample, batch.next_observation, next_noise, "next_policy")
         if due and self.simultaneous:
-            policy = start(self.lane, self.policy_gradient, batch.observation, noise)
+            policy = submit_or_run(self.lane, self.policy_gradient, batch.observation, noise)
         metrics = self.critic_gradient(batch, reward, following)
         metrics |= policy() if policy is not None else {}
         require_finite(critic_loss=metrics["critic_loss"], critic_gradient=self.critic.gradient)

@@ -24,7 +24,7 @@ def second_lane(wanted: bool) -> Iterator[Executor | None]:
         yield lane
 
 
-def start(
+def submit_or_run(
     lane: Executor | None, work: Callable[Arguments, Result], *arguments: Arguments.args, **named: Arguments.kwargs
 ) -> Callable[[], Result]:
     """Begin `work` in the lane, in the order of the calls, or do it now where there is none; call for the result.

@@ -22,15 +22,17 @@ from hydra.types import RunMode
 from omegaconf import DictConfig, ListConfig, OmegaConf, open_dict
 from omegaconf.errors import InterpolationToMissingValueError, MissingMandatoryValue, OmegaConfBaseException
 
+from romgrl.cli.config_files import circle, use_text_source
 from romgrl.cli.hydra_internals import (
     Callbacks,
     ConfigLoaderImpl,
+    defaults_on_the_way,
     get_overrides_dirname,
     use_callbacks,
     use_loader,
     validate_no_batch,
 )
-from romgrl.cli.typed_text import quote_stored_sweep, quoted, use_text_source
+from romgrl.cli.typed_text import quote_stored_sweep, quoted
 from romgrl.cli.whole_paths import make_whole
 from romgrl.config.schema import Config
 from romgrl.config.values import KIND, foreign_keys, one_line
@@ -106,6 +108,12 @@ class GuardedLoader(ConfigLoaderImpl):
                 raise
             name = one_line(str(error.args[0]))
             raise HydraException(f"hydra.job.env_copy: {name} is not a variable of the environment") from error
+        except RecursionError as error:
+            if not (names := circle([*defaults_on_the_way(error)])):
+                raise
+            read: Any = self.repository.load_config(names[0])
+            path = f"{read.path.removeprefix('file://')}/{names[0]}.yaml"
+            raise HydraException(f"{path}: its defaults come back to it: {one_line(' -> '.join(names))}") from error
 
     def _copied(self, config_name: str | None, overrides: list[str]) -> DictConfig | None:
         """What the files give, as composed before, with the values of these overrides; None where that is not known."""
@@ -121,7 +129,7 @@ class GuardedLoader(ConfigLoaderImpl):
             return None
         try:
             if what not in self._composed:
-                self._composed[what] = super().load_configuration(config_name, choices, RunMode.RUN)
+                self._composed[what] = self._composed_anew(config_name, choices, RunMode.RUN)
                 require_allowed(self._composed[what])
             config = copy.deepcopy(self._composed[what])
             if config.hydra.searchpath:  # may have groups of its own

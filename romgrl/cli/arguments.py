@@ -10,6 +10,8 @@ from typing import Any
 
 from hydra.core.override_parser.types import Override, ValueType
 from hydra.types import RunMode
+from omegaconf import OmegaConf
+from omegaconf.errors import OmegaConfBaseException
 
 from romgrl.cli.compose import explanation, problems, register_schema
 from romgrl.cli.hydra_internals import get_args_parser
@@ -72,7 +74,8 @@ def faults(arguments: Sequence[str]) -> list[str]:
     found = [[*override_faults(override, loader)] for override in overrides]
     lines += [line for some in found for line in some]
     sound = [override for override, some in zip(overrides, found, strict=True) if not some]
-    return [*dict.fromkeys([*lines, *composed_faults(sound, loader, multirun=options.multirun)])]
+    lines += composed_faults(sound, loader, multirun=options.multirun)
+    return [*dict.fromkeys(lines or package_faults(options, loader))]
 
 
 def checked(arguments: Sequence[str]) -> list[str]:
@@ -107,6 +110,8 @@ def read_options(arguments: Sequence[str]) -> tuple[Namespace | None, list[str]]
         lines.append(refusal("--config-path", path, "the absolute path of a directory that exists"))
     if options.resolve and options.cfg is None:
         lines.append("--resolve: goes with --cfg")
+    if options.package is not None and options.cfg is None:
+        lines.append("--package: goes with --cfg")
     modes = ("run", "cfg", "multirun", "info", "shell_completion")
     chosen = [f"--{mode.replace('_', '-')}" for mode in modes if getattr(options, mode)]
     if len(chosen) > 1:
@@ -205,6 +210,24 @@ def composed_faults(overrides: Sequence[Override], loader: Loader, *, multirun: 
         composed, failures = loader.compose(job)
         lines += failures if composed is None else problems(composed, loader.where)
     return lines
+
+
+def package_faults(options: Namespace, loader: Loader) -> Iterator[str]:
+    """Yield the line of a part of the configuration that is asked for and is not there."""
+    name = options.package
+    if name in (None, "_global_"):
+        return
+    composed, _ = loader.compose(options.overrides)
+    own = name.partition(".")[0] != "hydra"
+    try:
+        found = None if composed is None else OmegaConf.select(composed, name)
+    except OmegaConfBaseException:
+        found = None
+    if found is None or options.cfg == ("hydra" if own else "job"):
+        groups = [] if options.cfg == "hydra" else schema_groups()
+        permitted = ", ".join(["_global_", *groups, *(["hydra"] if options.cfg != "job" else [])])
+        near = suggestion(name, [key for key in (*groups, *schema_keys()) if key != name]) if groups else ""
+        yield refusal("--package", name, f"{permitted}, or a key of them that has a value{near}")
 
 
 def sweep_without_flag(override: Override) -> str:

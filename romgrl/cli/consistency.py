@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Collection, Iterator
 from itertools import pairwise
 
-from romgrl.cli.locations import is_file, outputs_directory, tracking_store
+from romgrl.cli.locations import is_file, is_readable, outputs_directory, tracking_store
 from romgrl.config.learners import CRITICS
 from romgrl.config.schema import Config
 from romgrl.config.values import bad_value, fits, keys_of, refusal, schema_keys, show, value_of
@@ -153,6 +153,8 @@ def humanoid_file(config: Config) -> Iterator[str]:
             yield refusal("humanoid.skeleton", name, f"{OWN_SKELETON} without humanoid.xml")
     elif not is_file(humanoid.xml):
         yield refusal("humanoid.xml", humanoid.xml, "a MuJoCo file that exists")
+    elif not is_readable(humanoid.xml):
+        yield refusal("humanoid.xml", humanoid.xml, "a file that can be read")
     else:
         from romgrl.humanoid import model, skeleton
         from romgrl.humanoid.process_settings import set_up_mujoco
@@ -212,7 +214,7 @@ PRETRAINED = ("student.pretrained", *(key for key in schema_keys() if not key.st
 CHECKS: tuple[tuple[tuple[str, ...], Callable[[Config], Iterator[str]]], ...] = (
     (RANGES, ranges),
     (LEVELS, levels),
-    at_most("robustness.push_duration", "robustness.watch"),
+    at_most("robustness.push_duration", "robustness.horizon"),
     at_most("student.batch_size", "student.buffer_size"),
     at_most("student.learning_starts", "student.total_steps"),
     at_most("evaluation.window", "evaluation.steps"),

@@ -5,8 +5,10 @@ tests/cli/test_hydra_internals.py says of each what breaks where Hydra has chang
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import traceback
+from collections.abc import Iterator, Sequence
 
+import hydra._internal.defaults_list as defaults
 import hydra._internal.hydra as engine
 from hydra._internal.callbacks import Callbacks
 from hydra._internal.config_loader_impl import ConfigLoaderImpl, get_overrides_dirname
@@ -23,6 +25,7 @@ __all__ = [
     "ConfigLoaderImpl",
     "FileConfigSource",
     "create_config_search_path",
+    "defaults_on_the_way",
     "get_args_parser",
     "get_overrides_dirname",
     "use_callbacks",
@@ -55,3 +58,10 @@ def validate_no_batch() -> None:
 
 def leave_batch(sweeper: Sweeper, batch: Sequence[Sequence[str]]) -> None:
     """Do nothing about a batch."""
+
+
+def defaults_on_the_way(error: Exception) -> Iterator[str]:
+    """Yield the name of every file whose defaults Hydra was reading when it raised this, the outermost first."""
+    for frame, _ in traceback.walk_tb(error.__traceback__):
+        if frame.f_code is defaults._create_defaults_tree_impl.__code__ and "path" in frame.f_locals:
+            yield frame.f_locals["path"]

@@ -14,10 +14,9 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import Override
 from hydra.errors import HydraException, MissingConfigException
 from hydra.types import RunMode
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig
 from omegaconf.errors import ConfigAttributeError, ConfigKeyError
 from yaml import YAMLError
-from yaml.error import MarkedYAMLError
 
 from romgrl.cli.allowlist import GuardedLoader
 from romgrl.cli.compose import COMPOSITION_ERRORS, CONF, explanation
@@ -72,7 +71,7 @@ class Loader:
             except COMPOSITION_ERRORS as error:
                 return None, self.explain(error)
             except FILE_ERRORS as error:
-                return None, [*self.unreadable_files()] or [one_line(explanation(error))]
+                return None, [one_line(explanation(error))]
             except MALFORMED as error:
                 return None, [f"{self.name}: cannot be composed: {one_line(explanation(error))}"]
         if not set(schema_groups()) & set(composed):
@@ -105,11 +104,6 @@ class Loader:
                 return f" in {path}"
         return ""
 
-    def unreadable_files(self) -> Iterator[str]:
-        """Yield a line for every file of a user's directories that is not YAML."""
-        for _, path in self.files():
-            yield from unreadable_file(path)
-
     def files(self) -> Iterator[tuple[Path, Path]]:
         """Yield every YAML file of the user's directories, behind its directory."""
         for source in self._loader.get_sources():
@@ -132,17 +126,3 @@ def stored_sweep(composed: DictConfig) -> list[str]:
 def without_schema(name: str) -> str:
     """The line of a configuration that does not have the project's keys."""
     return f"{one_line(name)}: has no schema; its defaults must start with `config`"
-
-
-def unreadable_file(path: Path) -> Iterator[str]:
-    """Yield the line of a file that is not YAML, with the line of the fault where there is one."""
-    try:
-        OmegaConf.load(path)
-    except MarkedYAMLError as error:
-        mark = error.problem_mark or error.context_mark
-        place = f":{mark.line + 1}" if mark is not None else ""
-        yield f"{path}{place}: is not YAML: {one_line(error.problem or explanation(error))}"
-    except UnicodeError as error:
-        yield f"{path}: is not UTF-8: {one_line(str(error))}"
-    except (YAMLError, OSError, *COMPOSITION_ERRORS) as error:
-        yield f"{path}: cannot be read: {one_line(explanation(error))}"

@@ -57,6 +57,11 @@ def is_file(text: str) -> bool:
         return False
 
 
+def is_readable(text: str) -> bool:
+    """Tell whether this process may read a file."""
+    return os.access(text, os.R_OK)
+
+
 def tracking_store(config: Config) -> Iterator[str]:
     """MLflow can open the store, and name the experiment."""
     tracking = config.tracking

@@ -5,11 +5,8 @@ Overrides get quotes before Hydra reads them, files their own words after YAML h
 
 from __future__ import annotations
 
-import os
-import re
 from collections.abc import Iterator, Sequence
 from functools import cache, lru_cache
-from pathlib import Path
 from typing import Any
 
 import yaml
@@ -17,13 +14,11 @@ from antlr4 import InputStream, Token  # type: ignore[import-untyped]
 from hydra.core.override_parser.overrides_visitor import HydraErrorListener
 from hydra.errors import HydraException
 from hydra.grammar.gen.OverrideLexer import OverrideLexer
-from hydra.plugins.config_source import ConfigResult
 from omegaconf import DictConfig, OmegaConf
 from omegaconf._utils import get_yaml_loader
 
-from romgrl.cli import hydra_internals
 from romgrl.config.addresses import in_quotes
-from romgrl.config.values import kind_of, one_line, schema_groups, schema_keys
+from romgrl.config.values import kind_of, schema_groups, schema_keys
 
 OF_HYDRA = ("run.dir", "sweep.dir", "sweep.subdir", "job.name")
 OF_LAUNCHERS = ("account", "comment", "constraint", "name", "nodelist", "partition", "qos", "submitit_folder")
@@ -37,9 +32,6 @@ NULL = "null"  # a value of its own, in this spelling
 MERGE = "tag:yaml.org,2002:merge"
 LOSSY_TAGS = tuple(f"tag:yaml.org,2002:{name}" for name in ("int", "float", "bool"))
 PARAMETERS = ("hydra", "sweeper", "params")
-HEADER_FAULTS = ("Expected header format", "Too many components")  # as Hydra begins to say them
-HEADER = re.compile(r"\s*#\s*@\s*package\b", re.IGNORECASE)
-MARK = "\N{ZERO WIDTH NO-BREAK SPACE}"  # of the byte order, where a file begins
 
 
 @cache
@@ -99,53 +91,6 @@ def quote_stored_sweep(config: DictConfig) -> None:
     parameters = OmegaConf.select(config, "hydra.sweeper.params") or {}
     for key, value in parameters.items():
         parameters[key] = quoted(f"{key}={value}").partition("=")[2]
-
-
-class FileConfigSource(hydra_internals.FileConfigSource):
-    """A directory of YAML files, in which keys of text have the text of the file.
-
-    It has the name of Hydra's own, for which Hydra then takes it in the processes of launchers, too.
-    """
-
-    def load_config(self, config_path: str) -> ConfigResult:
-        """Load a file as Hydra does. Raises HydraException for one whose `# @package` does not count."""
-        path = Path(os.path.join(self.path, self._normalize_file_name(config_path)))
-        try:
-            result = super().load_config(config_path)
-        except UnicodeError:
-            raise
-        except ValueError as error:
-            of_header = str(error).startswith(HEADER_FAULTS)
-            hint = "; write `# @package NAME` and no more on that line" if of_header else ""
-            raise HydraException(f"{path}: {one_line(str(error))}{hint}") from error
-        text = path.read_text(encoding="utf-8")
-        if result.header["package"] is None:
-            check_header(path, text)
-        if isinstance(result.config, DictConfig):
-            group = config_path.rpartition("/")[0].replace("/", ".")
-            package = group if (named := result.header["package"]) is None else named
-            put_back(result.config, package.replace("_global_", "").replace("_group_", group), text)
-        return result
-
-
-def use_text_source() -> None:
-    """Have Hydra read files through the class above."""
-    hydra_internals.use_file_source(FileConfigSource)
-
-
-def check_header(path: Path, text: str) -> None:
-    """Raise HydraException for a file that names its package where Hydra does not look for it."""
-    lines = text.removeprefix(MARK).splitlines()
-    number = next((number for number, line in enumerate(lines) if HEADER.match(line)), None)
-    if number is None:
-        return
-    above = next((place for place, line in enumerate(lines[:number]) if line.strip()), None)
-    cause = "write `# @package NAME`"
-    if text.startswith(MARK):
-        cause = "the file starts with a byte order mark; save it without one"
-    elif above is not None:
-        cause = f"line {above + 1} stands above it; make it the first line"
-    raise HydraException(f"{path}:{number + 1}: {' '.join(lines[number].split())[:80]} does not count: {cause}")
 
 
 def put_back(config: DictConfig, package: str, text: str) -> None:

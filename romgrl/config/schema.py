@@ -41,7 +41,7 @@ class Robustness:
     """Fall rate of student and baseline under disturbances (`stage=robustness`), the teacher's orbital stability."""
 
     trials: int = key("trials of each walker at each level", low=1, high=100_000)
-    watch: float = key("a fall counts until this long after the disturbance began", unit="s", low=0.1, high=1000)
+    horizon: float = key("a fall counts until this long after the disturbance began", unit="s", low=0.1, high=1000)
     push_impulse: list[float] = key(
         "horizontal impulses on the chest per body mass, each forward and backward", unit="N s/kg", low=0, high=10
     )

@@ -23,9 +23,9 @@ from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 from romgrl.runtime.stage_log import StageLog
 from romgrl.stages.wiring.artifact_arrays import WALKERS, read_reference
 from romgrl.stages.wiring.humanoid import humanoid_env
+from romgrl.stages.wiring.seeds import EVALUATION_SEED
 from romgrl.stages.wiring.walker_policy import read_walker
 
-SEED_OFFSET = 30_000  # resets that no training has drawn
 Policy = Callable[[NDArray[np.float32]], NDArray[np.float32]]
 
 
@@ -47,7 +47,7 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
             env,
             policies[name],
             steps=evaluation.steps,
-            seed=config.seed + SEED_OFFSET,
+            seed=config.seed + EVALUATION_SEED,
             progress=partial(_progress, log, done, total),
         )
         rollouts |= {f"{name}_{key}": value for key, value in arrays.items()}

@@ -16,6 +16,7 @@ from romgrl.gait.reference_check import check_reference
 from romgrl.runtime.stage_log import StageLog
 from romgrl.stages.teacher import record
 from romgrl.stages.wiring.rom import rom_env
+from romgrl.stages.wiring.seeds import REFERENCE_SEED
 from romgrl.stages.wiring.teacher_policy import read_teacher
 
 
@@ -29,7 +30,7 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
     steps = reference.warmup_steps + kept
     env = rom_env(config, num_envs=reference.episodes, episode_steps=steps + 1)
     policy = read_teacher(inputs["teacher"], config, env)
-    gait = record(env, policy, steps=steps, seed=config.seed + 20_000)
+    gait = record(env, policy, steps=steps, seed=config.seed + REFERENCE_SEED)
     env.close()
     gait.valid[:, : reference.warmup_steps] = False
     try:

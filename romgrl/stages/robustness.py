@@ -27,10 +27,10 @@ from romgrl.stages.rollouts.orbital_stability import teacher_multipliers, verdic
 from romgrl.stages.wiring.artifact_arrays import WALKERS
 from romgrl.stages.wiring.humanoid import humanoid_env
 from romgrl.stages.wiring.rom import rom_env
+from romgrl.stages.wiring.seeds import ROBUSTNESS_SEED
 from romgrl.stages.wiring.teacher_policy import read_teacher
 from romgrl.stages.wiring.walker_policy import read_walker
 
-SEED_OFFSET = 40_000  # resets that neither a training nor the evaluation has drawn
 STRIDE_TIME = 1.0  # s that hold a stride at any speed: a disturbance begins at a random time within them
 
 
@@ -82,7 +82,7 @@ def teacher_strides(config: Config, directory: Path) -> StrideMap | None:
 def measure(config: Config, inputs: Mapping[str, Path], log: StageLog) -> pd.DataFrame:
     """robustness.csv: one row per disturbance, level and walker."""
     dt = 1.0 / config.humanoid.control_frequency
-    steps, delays = max(1, round(config.robustness.watch / dt)), settling_steps(config)
+    steps, delays = max(1, round(config.robustness.horizon / dt)), settling_steps(config)
     longest = int(delays.max())
     todo = disturbances(config)
     env = humanoid_env(config, num_envs=config.robustness.trials, episode_steps=longest + steps + 1)
@@ -94,7 +94,7 @@ def measure(config: Config, inputs: Mapping[str, Path], log: StageLog) -> pd.Dat
         log.progress(next(ticks), total)
 
     starts = {
-        walker: walk_in(env, policy, delays, seed=config.seed + SEED_OFFSET, tick=tick)
+        walker: walk_in(env, policy, delays, seed=config.seed + ROBUSTNESS_SEED, tick=tick)
         for walker, policy in policies.items()
     }
     spread = observation_spread(list(policies.values()), flatdim(env.single_observation_space))
@@ -110,7 +110,7 @@ def measure(config: Config, inputs: Mapping[str, Path], log: StageLog) -> pd.Dat
                 force=force(config, one, env.dimensions.mass),
                 push_steps=push_steps(config),
                 noise=np.float32(one.level) * spread if one.name == "observation_noise" else None,
-                seed=config.seed + SEED_OFFSET,
+                seed=config.seed + ROBUSTNESS_SEED,
                 tick=tick,
             )
             rows.append(row(one, walker, starts[walker], outcome))
@@ -136,7 +136,7 @@ def disturbances(config: Config) -> list[Disturbance]:
 def settling_steps(config: Config) -> NDArray[np.int64]:
     """Control steps (trials,) from reset until the disturbance: SETTLING_TIME, and up to STRIDE_TIME by chance."""
     low, width = (round(seconds * config.humanoid.control_frequency) for seconds in (SETTLING_TIME, STRIDE_TIME))
-    generator = np.random.default_rng(config.seed + SEED_OFFSET)
+    generator = np.random.default_rng(config.seed + ROBUSTNESS_SEED)
     return max(1, low) + generator.integers(max(1, width), size=config.robustness.trials)
 
 

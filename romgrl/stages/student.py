@@ -12,7 +12,7 @@ from torch import Tensor
 from romgrl.algorithms.divergence import check_physics, require_finite
 from romgrl.algorithms.rom_grl import RomGrl
 from romgrl.algorithms.sac import Metrics, save_sac_policy
-from romgrl.algorithms.second_thread import second_lane, start
+from romgrl.algorithms.second_thread import second_lane, submit_or_run
 from romgrl.artifacts.checkpoint import State
 from romgrl.config.schema import Config
 from romgrl.gait.discriminator_windows import FrameWindows, WindowLayout
@@ -21,19 +21,19 @@ from romgrl.humanoid.reference_states import reference_bank
 from romgrl.humanoid.start_states import BANK_SIZE
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 from romgrl.runtime.stage_log import StageLog
-from romgrl.stages.training.checkpoints import Keeper, Stateful
+from romgrl.stages.training.checkpoints import Stateful, TrainingCheckpoints
 from romgrl.stages.training.discriminator_watch import HealthWatch
 from romgrl.stages.training.policy_selection import Candidates, choose
-from romgrl.stages.training.student_statistics import EpisodeTally
+from romgrl.stages.training.student_statistics import StudentTally
 from romgrl.stages.wiring.artifact_arrays import read_reference
 from romgrl.stages.wiring.humanoid import humanoid_env
-from romgrl.stages.wiring.student_learner import build_learner
+from romgrl.stages.wiring.student_learner import build_student_learner
 
 LOG_INTERVAL = 4096
 
 
 @dataclass
-class Loop:
+class StudentLoop:
     """What one pass of the training loop hands to the next."""
 
     observation: Tensor
@@ -70,7 +70,7 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
     if "reference" in inputs and config.student.reference_resets > 0:
         start_from_reference(config, env, inputs["reference"])
     with second_lane(beside) as lane:
-        learner = build_learner(config, env, windows.layout, inputs.get("reference"), lane)
+        learner = build_student_learner(config, env, windows.layout, inputs.get("reference"), lane)
 
         candidates = Candidates(config.student.total_steps, config.student.candidates)
 
@@ -80,7 +80,7 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
                 output / "policy.safetensors", learner.sac, columns, *mean_and_scale, humanoid, env.observation_names
             )
 
-        train(config, env, windows, learner, candidates, log, output, save)
+        train_student(config, env, windows, learner, candidates, log, output, save)
         save(choose(config, learner, candidates, columns, windows.layout, output, log))
 
 
@@ -99,7 +99,7 @@ def window_layout(config: Config) -> WindowLayout:
     return WindowLayout(judge.features, judge.window, judge.stride, 1 / config.humanoid.control_frequency)
 
 
-def train(
+def train_student(
     config: Config,
     env: PlanarHumanoidVectorEnv,
     windows: FrameWindows,
@@ -112,13 +112,13 @@ def train(
     """Act, step and learn: the physics of a step runs beside the updates, which use what was stored before it."""
     student, device = config.student, config.device
     frame = windows.layout.frame
-    tally = EpisodeTally(env.num_envs, config.humanoid.control_frequency)
+    tally = StudentTally(env.num_envs, config.humanoid.control_frequency)
     observation, info = env.reset(seed=config.seed)
     windows.restart(frame(info))
-    loop = Loop(torch.from_numpy(observation).to(device))
+    loop = StudentLoop(torch.from_numpy(observation).to(device))
     health = HealthWatch(config, output, log)
     parts: dict[str, Stateful] = {"env": env, "windows": windows, "learner": learner, "candidates": candidates}
-    keeper = Keeper(
+    checkpoints = TrainingCheckpoints(
         output,
         parts | {"loop": loop, "tally": tally, "health": health},
         ring=learner.buffer,
@@ -127,11 +127,11 @@ def train(
         total=student.total_steps,
         log=log,
     )
-    first = keeper.go_on()
-    with keeper.watch("student"):
+    first = checkpoints.resume()
+    with checkpoints.deferring_signals("student"):
         for step in range(first, student.total_steps, env.num_envs):
             action = explore(learner, loop.observation, env, random=step < student.learning_starts)
-            stepped = start(learner.sac.lane, env.step, action.cpu().numpy())
+            stepped = submit_or_run(learner.sac.lane, env.step, action.cpu().numpy())
             if step >= student.learning_starts:
                 loop.due += student.updates_per_step * env.num_envs
                 if student.learning_rate_decay:
@@ -159,11 +159,11 @@ def train(
             if learner.just_stopped():
                 log.message(f"the discriminator stopped at step {done:,}: no better on held-out windows")
             candidates.keep(done, learner)
-            keeper.keep(done)
+            checkpoints.save_if_due(done)
 
 
 def tell(
-    log: StageLog, loop: Loop, tally: EpisodeTally, learner: RomGrl, health: HealthWatch, step: int, total: int
+    log: StageLog, loop: StudentLoop, tally: StudentTally, learner: RomGrl, health: HealthWatch, step: int, total: int
 ) -> None:
     """Write a row of the learning curve, and say what is wrong with the discriminator."""
     values = loop.numbers() | tally.take() | learner.counts() | learner.measures(LOG_INTERVAL)

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Callable, Mapping
-from concurrent.futures import Executor
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
@@ -22,12 +20,15 @@ from romgrl.algorithms.second_thread import second_lane
 from romgrl.artifacts.checkpoint import State
 from romgrl.config.schema import Config
 from romgrl.gait import human_bands
-from romgrl.gait.features import LEFT_X, RIGHT_X, Gait, until_first_fall
+from romgrl.gait.features import Gait, until_first_fall
 from romgrl.gait.metrics import describe
 from romgrl.rom.interface import RomVectorEnv
 from romgrl.runtime.stage_log import StageLog
-from romgrl.stages.training.checkpoints import Keeper
+from romgrl.stages.training.checkpoints import TrainingCheckpoints
+from romgrl.stages.training.teacher_statistics import TeacherTally
 from romgrl.stages.wiring.rom import rom_env
+from romgrl.stages.wiring.seeds import TEACHER_GAIT_SEED
+from romgrl.stages.wiring.teacher_learner import build_teacher_learner
 
 CHECK_EPISODES, CHECK_STEPS = 100, 300
 
@@ -41,9 +42,9 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
     path = output / "policy.safetensors"
     env = rom_env(config, num_envs=config.teacher.num_envs, episode_steps=config.teacher.episode_steps)
     with second_lane(config.threads > 1) as lane:
-        ppo = build_learner(config, env, lane)
+        ppo = build_teacher_learner(config, env, lane)
         with closing(env):
-            train(config, env, ppo, log, output, save=lambda: save_ppo_policy(path, ppo, env.observation_names))
+            train_teacher(config, env, ppo, log, output, save=lambda: save_ppo_policy(path, ppo, env.observation_names))
     save_ppo_policy(path, ppo, env.observation_names)
     row = describe(check_gait(config, load_ppo_policy(path)), target_speed=config.teacher.speed)
     write_row(output / "gait.csv", {"walker": "teacher", **row})
@@ -54,34 +55,8 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
     log.message(human_bands.human_verdict(row, config.teacher.speed))
 
 
-def build_learner(config: Config, env: RomVectorEnv, lane: Executor | None = None) -> PPO:
-    """PPO of the configuration for the environment; `lane` is a second thread for its updates."""
-    teacher = config.teacher
-    return PPO(
-        observation_size=flatdim(env.single_observation_space),
-        action_size=flatdim(env.single_action_space),
-        hidden_sizes=teacher.hidden_sizes,
-        activation=teacher.activation,
-        learning_rate=teacher.learning_rate,
-        gamma=teacher.gamma,
-        gae_lambda=teacher.gae_lambda,
-        clip_ratio=teacher.clip_ratio,
-        epochs=teacher.epochs,
-        minibatch_size=teacher.minibatch_size,
-        value_coefficient=teacher.value_coefficient,
-        entropy_coefficient=teacher.entropy_coefficient,
-        max_gradient_norm=teacher.max_gradient_norm,
-        initial_log_std=teacher.initial_log_std,
-        mirror_observation=env.mirror_observation if teacher.mirror else None,
-        mirror_action=env.mirror_action if teacher.mirror else None,
-        lane=lane,
-        seed=config.seed,
-        device=config.device,
-    )
-
-
 @dataclass
-class Loop:
+class TeacherLoop:
     """What one rollout hands to the next."""
 
     env: RomVectorEnv
@@ -97,7 +72,9 @@ class Loop:
         self.observation = np.asarray(state["observation"])
 
 
-def train(config: Config, env: RomVectorEnv, ppo: PPO, log: StageLog, output: Path, save: Callable[[], None]) -> None:
+def train_teacher(
+    config: Config, env: RomVectorEnv, ppo: PPO, log: StageLog, output: Path, save: Callable[[], None]
+) -> None:
     """Collect a rollout, update, as often as fits into `total_steps`; DivergenceError if a number is not finite."""
     teacher = config.teacher
     rollout = Rollout(
@@ -107,9 +84,9 @@ def train(config: Config, env: RomVectorEnv, ppo: PPO, log: StageLog, output: Pa
         action_size=flatdim(env.single_action_space),
         device=config.device,
     )
-    tally = EpisodeTally(env.num_envs, teacher.rollout_steps)
-    loop = Loop(env, env.reset(seed=config.seed)[0])
-    keeper = Keeper(
+    tally = TeacherTally(env.num_envs, teacher.rollout_steps)
+    loop = TeacherLoop(env, env.reset(seed=config.seed)[0])
+    checkpoints = TrainingCheckpoints(
         output,
         {"loop": loop, "ppo": ppo, "tally": tally},
         save_policy=save,
@@ -118,8 +95,8 @@ def train(config: Config, env: RomVectorEnv, ppo: PPO, log: StageLog, output: Pa
         log=log,
     )
     rollout_size = teacher.rollout_steps * env.num_envs
-    first = keeper.go_on()
-    with keeper.watch("teacher"):
+    first = checkpoints.resume()
+    with checkpoints.deferring_signals("teacher"):
         for done in range(first + rollout_size, max(teacher.total_steps, rollout_size) + 1, rollout_size):
             loop.observation = collect(env, ppo, rollout, loop.observation, tally)
             decay = 1.0 - (done - rollout_size) / teacher.total_steps if teacher.learning_rate_decay else 1.0
@@ -129,11 +106,11 @@ def train(config: Config, env: RomVectorEnv, ppo: PPO, log: StageLog, output: Pa
             require_finite(loss=np.array([losses["policy_loss"], losses["value_loss"], losses["approximate_kl"]]))
             log.metrics(gait | losses, done)
             log.progress(done, teacher.total_steps, speed=gait["speed"], correlation=gait["left_right_correlation"])
-            keeper.keep(done)
+            checkpoints.save_if_due(done)
 
 
 def collect(
-    env: RomVectorEnv, ppo: PPO, rollout: Rollout, observation: NDArray[np.float32], tally: EpisodeTally
+    env: RomVectorEnv, ppo: PPO, rollout: Rollout, observation: NDArray[np.float32], tally: TeacherTally
 ) -> NDArray[np.float32]:
     """Fill `rollout` with the exploring policy; returns the observation that the next one starts from."""
     for step in range(len(rollout.rewards)):
@@ -148,64 +125,10 @@ def collect(
     return observation
 
 
-class EpisodeTally:
-    """What the log says of one rollout of `steps` steps."""
-
-    def __init__(self, num_envs: int, steps: int) -> None:
-        self.episode_return, self.length = np.zeros(num_envs), np.zeros(num_envs)
-        self.feet = np.zeros((steps, num_envs, 2), np.float32)
-        self.velocity = np.zeros((steps, num_envs), np.float32)
-        self.finished: list[tuple[float, float]] = []
-        self.falls = 0
-
-    def add(
-        self,
-        step: int,
-        reward: NDArray[np.float32],
-        terminated: NDArray[np.bool_],
-        truncated: NDArray[np.bool_],
-        info: Mapping[str, Any],
-    ) -> None:
-        """Take in one step of all environments."""
-        self.feet[step] = info["features"][:, [LEFT_X, RIGHT_X]]
-        self.velocity[step] = info["forward_velocity"]
-        self.episode_return += reward
-        self.length += 1
-        done = terminated | truncated
-        if done.any():
-            self.finished += zip(self.episode_return[done].tolist(), self.length[done].tolist(), strict=True)
-            self.falls += int(terminated.sum())
-            self.episode_return[done] = self.length[done] = 0.0
-
-    def state(self) -> State:
-        """Everything that `restore` needs between two rollouts."""
-        return {"episode_return": self.episode_return, "length": self.length}
-
-    def restore(self, state: State) -> None:
-        """Go on from a state."""
-        self.episode_return[:] = state["episode_return"]
-        self.length[:] = state["length"]
-
-    def take(self) -> dict[str, float]:
-        """Means over the rollout; `episode_return` and `episode_length` only if an episode ended in it."""
-        centred = self.feet - self.feet.mean(axis=0)
-        spread = np.sqrt((centred**2).sum(axis=0).prod(axis=-1)) + 1e-9
-        values = {
-            "speed": float(self.velocity.mean()),
-            "left_right_correlation": float((centred.prod(axis=-1).sum(axis=0) / spread).mean()),
-            "falls": float(self.falls),
-        }
-        if self.finished:
-            returns, lengths = np.mean(self.finished, axis=0)
-            values |= {"episode_return": float(returns), "episode_length": float(lengths)}
-        self.finished, self.falls = [], 0
-        return values
-
-
 def check_gait(config: Config, policy: PPOPolicy) -> Gait:
     """CHECK_EPISODES x CHECK_STEPS of the finished policy, from resets that the training did not see."""
     env = rom_env(config, num_envs=CHECK_EPISODES, episode_steps=CHECK_STEPS + 1)
-    return record(env, policy, steps=CHECK_STEPS, seed=config.seed + 10_000)
+    return record(env, policy, steps=CHECK_STEPS, seed=config.seed + TEACHER_GAIT_SEED)
 
 
 def record(env: RomVectorEnv, policy: PPOPolicy, *, steps: int, seed: int) -> Gait:

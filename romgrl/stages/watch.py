@@ -19,9 +19,9 @@ from romgrl.report.encoder import FilmError, write_film
 from romgrl.runtime import signals
 from romgrl.runtime.stage_log import StageLog
 from romgrl.stages.wiring.humanoid import humanoid_env
+from romgrl.stages.wiring.seeds import WATCH_SEED
 from romgrl.stages.wiring.walker_policy import read_walker
 
-SEED_OFFSET = 40_000  # resets that neither a training nor an evaluation has drawn
 NO_DISPLAY = "no display"
 
 
@@ -50,7 +50,7 @@ def walk_on(env: PlanarHumanoidVectorEnv, directory: Path, seed: int) -> Iterato
     """Yield the state before each step, and whether the walker fell in the last; a newer policy takes over at once."""
     path = directory / "policy.safetensors"
     written, policy = path.stat().st_mtime, read_walker(directory, env)
-    observation, _ = env.reset(seed=seed + SEED_OFFSET)
+    observation, _ = env.reset(seed=seed + WATCH_SEED)
     fell = False
     while True:
         yield env.states()[0].astype(np.float64), fell

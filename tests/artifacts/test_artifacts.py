@@ -12,44 +12,24 @@ import pytest
 import torch
 
 from romgrl.artifacts import (
-    Manifest,
     load_arrays,
     load_tensors,
     open_artifact,
     save_arrays,
     save_tensors,
     tensor_shapes,
-    write_manifest,
 )
 from romgrl.errors import ArtifactError
 from tests.faults.damage import forge
+from tests.helpers.artifacts import describe, fill
 
 
 @pytest.fixture
 def artifact(tmp_path: Path) -> Path:
     directory = tmp_path / "artifact"
-    (directory / "figures").mkdir(parents=True)
-    save_tensors(directory / "policy.safetensors", {"w": torch.arange(6.0).reshape(2, 3)}, {"network": "{}"})
-    save_arrays(directory / "reference.npz", {"features": np.ones((7, 5)), "dt": 1 / 30, "episode": np.arange(7)})
-    (directory / "curve.csv").write_text("step,loss\n1,2\n", encoding="utf-8")
-    (directory / "figures" / "a.txt").write_text("figure", encoding="utf-8")
+    fill(directory)
     describe(directory)
     return directory
-
-
-def describe(directory: Path) -> Manifest:
-    return write_manifest(
-        directory,
-        stage="teacher",
-        key="k",
-        config={"seed": 0},
-        inputs={},
-        versions={"torch": "1"},
-        revision=None,
-        dirty=None,
-        seed=0,
-        wall_time=1.5,
-    )
 
 
 def test_round_trip(artifact: Path) -> None:
@@ -81,7 +61,7 @@ def test_manifest_describes_every_file(artifact: Path) -> None:
     assert set(manifest.files) == {"policy.safetensors", "reference.npz", "curve.csv", "figures/a.txt"}
     assert manifest.files["policy.safetensors"].arrays == {"w": ("float32", (2, 3))}
     assert manifest.files["reference.npz"].arrays["features"] == ("float32", (7, 5))
-    assert (manifest.wall_time, manifest.config) == (1.5, {"seed": 0})
+    assert (manifest.wall_time, manifest.config) == (1.5, {"seed": 0, "teacher.speed": 4.0})
 
 
 def test_digest_depends_on_the_payload_only(artifact: Path) -> None:
@@ -160,8 +140,8 @@ def test_another_stage_is_refused(artifact: Path) -> None:
 
 
 def test_another_key_is_refused(artifact: Path) -> None:
-    assert open_artifact(artifact, key="k").key == "k"
-    with pytest.raises(ArtifactError, match="made by key k, expected other"):
+    assert open_artifact(artifact, key="key").key == "key"
+    with pytest.raises(ArtifactError, match="made by key key, expected other"):
         open_artifact(artifact, key="other")
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 from contextlib import nullcontext
 from dataclasses import replace
@@ -148,6 +149,15 @@ REFUSED = {
 def test_refusals(override: str) -> None:
     lines = faults([override])
     assert [line[: len(REFUSED[override])] for line in lines] == [REFUSED[override]]
+
+
+def test_a_humanoid_that_may_not_be_read_is_said_to_be_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "robot.xml"
+    path.write_text(human_spec(height=1.7, mass=70).to_xml(), encoding="utf-8")
+    monkeypatch.setattr(os, "access", lambda place, mode, access=os.access: place != str(path) and access(place, mode))
+    assert faults([f"humanoid.xml={path}"]) == [
+        f"humanoid.xml: {path} is not allowed; allowed: a file that can be read"
+    ]
 
 
 @pytest.mark.parametrize("found", [False, True])

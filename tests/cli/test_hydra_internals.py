@@ -6,13 +6,14 @@ import inspect
 from importlib.metadata import requires
 from typing import Any
 
+import hydra._internal.defaults_list as defaults_list
 import hydra._internal.hydra as engine
 import pytest
 from hydra.plugins.sweeper import Sweeper
 
 from romgrl.cli import hydra_internals
 from romgrl.cli.allowlist import GuardedLoader, LoudCallbacks, guard_hydra
-from romgrl.cli.typed_text import FileConfigSource
+from romgrl.cli.config_files import FileConfigSource
 
 USED = {
     "command lines are checked before Hydra reads them": (hydra_internals.get_args_parser, []),
@@ -37,6 +38,10 @@ USED = {
     "all jobs of a sweep are checked before the first starts": (
         hydra_internals.BasicSweeper.split_arguments,
         ["overrides", "max_batch_size"],
+    ),
+    "the files of a circle of defaults are named": (
+        defaults_list._create_defaults_tree_impl,
+        ["repo", "root", "is_root_config", "skip_missing", "interpolated_subtree", "overrides"],
     ),
     "jobs are composed twice, not three times": (Sweeper.validate_batch_is_legal, ["batch"]),
 }

@@ -21,7 +21,7 @@ from romgrl.errors import StorageError
 from romgrl.pipeline import run as pipeline
 from romgrl.pipeline import worker
 from romgrl.runtime.stage_log import SilentLog
-from romgrl.stages.training.checkpoints import Keeper
+from romgrl.stages.training.checkpoints import TrainingCheckpoints
 from tests.conftest import Composer
 from tests.faults.injection import Faults
 from tests.faults.trainings import Recorder, files, train, training
@@ -121,18 +121,18 @@ def test_a_training_on_a_bad_disk_keeps_its_checkpoint(
 def watch_saves(monkeypatch: pytest.MonkeyPatch, rings: list[Ring | None]) -> list[int]:
     """Steps of the checkpoints that were written to the end."""
     saved: list[int] = []
-    save, start = Checkpoints.save, Keeper.__init__
+    save, start = Checkpoints.save, TrainingCheckpoints.__init__
 
     def watched(checkpoints: Checkpoints, step: int, state: dict[str, object]) -> None:
         save(checkpoints, step, state)
         saved.append(step)
 
-    def started(keeper: Keeper, *arguments: object, **keywords: object) -> None:
-        start(keeper, *arguments, **keywords)  # type: ignore[arg-type]
+    def started(checkpoints: TrainingCheckpoints, *arguments: object, **keywords: object) -> None:
+        start(checkpoints, *arguments, **keywords)  # type: ignore[arg-type]
         rings.append(keywords.get("ring"))  # type: ignore[arg-type]
 
     monkeypatch.setattr(Checkpoints, "save", watched)
-    monkeypatch.setattr(Keeper, "__init__", started)
+    monkeypatch.setattr(TrainingCheckpoints, "__init__", started)
     return saved
 
 

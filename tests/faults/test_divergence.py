@@ -189,17 +189,17 @@ def test_bad_numbers_stop_a_training(
 
 def arm_after(patch: pytest.MonkeyPatch, recorder: Recorder, trigger: Trigger, passes: int) -> list[int]:
     """Arm the trigger at the end of a pass of the loop; returns a list that will hold the step of that pass."""
-    from romgrl.stages.training.checkpoints import Keeper
+    from romgrl.stages.training.checkpoints import TrainingCheckpoints
 
-    keep, armed = Keeper.keep, list[int]()
+    keep, armed = TrainingCheckpoints.save_if_due, list[int]()
 
-    def watched(keeper: Keeper, step: int) -> None:
-        keep(keeper, step)
+    def watched(checkpoints: TrainingCheckpoints, step: int) -> None:
+        keep(checkpoints, step)
         if len(recorder.steps) == passes:
             trigger.armed = True
             armed.append(step)
 
-    patch.setattr(Keeper, "keep", watched)
+    patch.setattr(TrainingCheckpoints, "save_if_due", watched)
     return armed
 
 

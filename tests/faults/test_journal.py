@@ -2,11 +2,6 @@
 
 from __future__ import annotations
 
-import errno
-import json
-import os
-import statistics
-import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from pathlib import Path
@@ -16,12 +11,13 @@ from typing import Any
 import pytest
 
 from romgrl.tracking import journal
-from romgrl.tracking.journal import BusyError, Journal, JournalError, Outbox, journals, redacted
-from romgrl.tracking.recorder import LOCAL, RecordedRun, Recorder, default_uri
+from romgrl.tracking.journal import BusyError, Journal, Outbox, journals
+from romgrl.tracking.recorder import LOCAL, RecordedRun, default_uri
 from romgrl.tracking.sending.__main__ import own_outbox
 from romgrl.tracking.sending.sender import ParentError, Sender
 from romgrl.tracking.sending.store import Store
-from tests.faults.runs import FILES, Told, differences, stored
+from tests.faults.journals import journaled, tell
+from tests.faults.runs import FILES, differences, stored
 from tests.helpers.limits import wait_until
 
 HEADER = {"uri": None, "experiment": "romgrl"}
@@ -43,13 +39,6 @@ class FaultyStore(Store):
         return answer
 
 
-def journaled(outputs: Path, experiment: str = "romgrl") -> tuple[Recorder, Journal]:
-    """A recorder with a journal and no process."""
-    recorder = Recorder(default_uri(outputs), experiment, outputs, enabled=False)
-    recorder.journal = Journal(outputs, {"uri": None, "experiment": experiment})
-    return recorder, recorder.journal
-
-
 def send_all(store: Store, outputs: Path) -> None:
     """Send every journal to its end, as one process would."""
     for path in journals(outputs):
@@ -58,17 +47,6 @@ def send_all(store: Store, outputs: Path) -> None:
             while sender.step():
                 pass
             sender.end()
-
-
-def tell(outputs: Path, experiment: str) -> Told:
-    """A whole job, into a journal only."""
-    recorder, written = journaled(outputs, experiment)
-    told = Told(recorder, outputs / "published" / experiment)
-    told.start()
-    told.steps(0, 4)
-    told.finish()
-    written.close()
-    return told
 
 
 def test_every_request_fails_in_turn(outputs: Path) -> None:
@@ -140,101 +118,6 @@ def test_one_process_sends_a_journal_at_a_time(outputs: Path) -> None:
     with pytest.raises(BusyError, match="is sent"):
         Outbox(written.path)
     assert [*written.path.parent.iterdir()] == []
-
-
-def test_a_torn_line_waits_and_a_broken_one_is_counted(tmp_path: Path) -> None:
-    recorder, written = journaled(tmp_path)
-    run = recorder.start("x", tags={})
-    run.metrics({"m": 1.0}, 1)
-    whole = written.path.stat().st_size
-    with written.path.open("ab") as file:
-        file.write(b'{"run": "1", "do": "metrics"')
-    with closing(Outbox(written.path)) as outbox:
-        entries, end = outbox.read()
-        assert ([entry["do"] for entry in entries], end) == (["start", "metrics"], whole)
-        with written.path.open("ab") as file:
-            file.write(b'\x00\n["list"]\n{"do": "jump", "run": 1, "at": 1}\n{"do": "tags", "run": 1, "at": 1}\n{\n')
-        run.finish()
-        entries, _ = outbox.read()
-        assert ([entry["do"] for entry in entries], outbox.unreadable) == (["start", "metrics", "finish"], 5)
-    for damaged in (b"", b"{", b"[]\n", b'{"uri": null}\n'):
-        bad = written.path.with_name("bad.jsonl")
-        bad.write_bytes(damaged)
-        with pytest.raises(JournalError, match=r"bad\.jsonl: the first line is not a header"):
-            Outbox(bad)
-
-
-def test_a_full_disk_leaves_whole_lines(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    recorder, written = journaled(tmp_path)
-    run = recorder.start("x", tags={})
-    write = os.write
-
-    def half(file: int, line: bytes) -> int:
-        return write(file, line[: len(line) // 2])
-
-    def none(file: int, line: bytes) -> int:
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    for full in (half, none):
-        monkeypatch.setattr(os, "write", full)
-        run.metrics({"m": 1.0}, 1)
-        monkeypatch.setattr(os, "write", write)
-        run.metrics({"m": 2.0}, 2)
-    lines = [json.loads(line) for line in written.path.read_text(encoding="utf-8").splitlines()]
-    assert [line.get("do") for line in lines] == [None, "start", "metrics", "metrics"]
-    errors = capsys.readouterr().err
-    assert errors.count("warning: not everything goes to MLflow: ") == 1
-    assert str(written.path) in errors
-
-
-def test_nothing_is_written_after_the_end(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The number of the closed file may be another file's by then."""
-    recorder, written = journaled(tmp_path)
-    run = recorder.start("x", tags={})
-    written.close()
-    with (tmp_path / "other").open("wb") as other:
-        assert other.fileno() == written._file
-        run.metrics({"m": 1.0}, 1)
-    assert (tmp_path / "other").read_bytes() == b""
-    assert capsys.readouterr().err.count("not everything goes to MLflow") == 1
-
-
-def test_written_lines_come_to_the_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    synced: list[int] = []
-    monkeypatch.setattr(journal, "SYNC_SECONDS", 0.05)
-    monkeypatch.setattr(os, "fsync", lambda file: synced.append(os.fstat(file).st_size))
-    recorder, written = journaled(tmp_path)
-    recorder.start("x", tags={})
-    wait_until(lambda: synced and synced[-1] >= written.path.stat().st_size)
-    recorder.start("y", tags={})
-    written.close()
-    assert synced[-1] == written.path.stat().st_size
-
-
-def test_a_directory_that_cannot_be_written_costs_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "journal").write_text("in the way", encoding="utf-8")
-    recorder = Recorder(default_uri(tmp_path), "romgrl", tmp_path)
-    run = recorder.start("x", tags={})
-    run.metrics({"m": 1.0}, 1)
-    run.finish()
-    assert run.run_id is None
-    recorder.close()
-    assert capsys.readouterr().err.count("warning: nothing goes to MLflow: ") == 1
-
-
-def test_a_log_call_costs_far_less_than_a_millisecond(tmp_path: Path) -> None:
-    recorder, written = journaled(tmp_path)
-    run = recorder.start("x", tags={})
-    seconds = []
-    for step in range(2000):
-        before = time.perf_counter()
-        run.metrics({f"m{i}": float(step) for i in range(20)}, step)
-        seconds.append(time.perf_counter() - before)
-    written.close()
-    print(f"a call with 20 numbers: {1e6 * statistics.median(seconds):.0f} us")
-    assert statistics.median(seconds) < 0.0005
 
 
 def test_a_run_waits_for_the_one_above_it(outputs: Path) -> None:
@@ -321,24 +204,6 @@ def test_what_the_store_refuses_does_not_hold_up_the_rest(outputs: Path) -> None
     assert sender.refused[1] == f"artifacts: {outputs}/not there is gone"
     found = stored(outputs / "mlflow.db", "romgrl")
     assert (found.points, found.runs[0][1]) == ({("x", "m", 1, 1.0): 1}, "FINISHED")
-
-
-def test_passwords_are_written_nowhere(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    for password in ("se@cret", "se%40cret"):
-        told = f"speed=1 tracking.uri=postgresql://ann:{password}@localhost:1/runs x"
-        assert redacted(told) == "speed=1 tracking.uri=postgresql://ann:***@localhost:1/runs x"
-    uri = "postgresql+psycopg://ann:se%40cret@localhost:1/runs"
-    assert redacted("http://127.0.0.1:5000 sqlite:////a/b.db a@b:c") == "http://127.0.0.1:5000 sqlite:////a/b.db a@b:c"
-    recorder = Recorder(uri, "romgrl", tmp_path)
-    run = recorder.start(f"tracking.uri={uri}", tags={}, params={"tracking": {"uri": uri}})
-    assert run.run_id == run.local_id
-    run.finish()
-    recorder.close()
-    output = capsys.readouterr()
-    files = [path.read_text(encoding="utf-8") for path in journal.journal_directory(tmp_path).iterdir()]
-    assert "postgresql+psycopg://ann:***@" in output.err
-    assert sum("postgresql+psycopg://ann:***@" in text for text in files) >= 1
-    assert not any("cret" in text for text in (output.out, output.err, *files))
 
 
 def test_files_are_all_there(outputs: Path) -> None:

@@ -14,8 +14,9 @@ from romgrl.tracking.journal import Outbox, journals
 from romgrl.tracking.sending import syncing
 from romgrl.tracking.sending.sender import Sender
 from romgrl.tracking.sending.store import Store
-from tests.faults.test_journal import journaled
-from tests.faults.test_refusals import Picky, refused, stored
+from tests.faults.journals import journaled
+from tests.faults.picky import Picky, refused
+from tests.faults.runs import stored
 
 AWAY = MlflowException("API request to http://x failed with exception connection refused")
 

@@ -23,8 +23,8 @@ from romgrl.artifacts import (
     set_aside,
 )
 from romgrl.errors import ArtifactError, StorageError
-from tests.faults.artifacts import describe, fill
 from tests.faults.injection import Faults
+from tests.helpers.artifacts import describe, fill
 
 CODES = (errno.ENOSPC, errno.EIO, errno.EACCES)
 

@@ -16,8 +16,8 @@ from romgrl.artifacts.checkpoint import CHECKPOINT, Checkpoints, flatten_state, 
 from romgrl.config.schema import Config
 from romgrl.runtime.signals import Interrupted
 from romgrl.stages import student
-from romgrl.stages.training.checkpoints import Keeper
-from romgrl.stages.training.student_statistics import EpisodeTally
+from romgrl.stages.training.checkpoints import TrainingCheckpoints
+from romgrl.stages.training.student_statistics import StudentTally
 from tests.conftest import Composer
 from tests.faults.trainings import TOTAL, Recorder, digest, files, train, training
 
@@ -94,11 +94,11 @@ def test_every_part_of_the_state_matters(
 
 def test_what_is_told_again_is_kept() -> None:
     """Where no episode ends between two rows of the curve, the second tells of those before the first."""
-    tally, info = EpisodeTally(2, 30.0), {"forward_velocity": np.ones(2), "trunk_lean": np.ones(2)}
+    tally, info = StudentTally(2, 30.0), {"forward_velocity": np.ones(2), "trunk_lean": np.ones(2)}
     info["diverged"] = np.zeros(2)
     tally.add(info, np.array([True, False]), np.array([True, True]))
     told = tally.take()
-    later = EpisodeTally(2, 30.0)
+    later = StudentTally(2, 30.0)
     later.restore(nest(dict(flatten_state(deepcopy(tally.state())))))
     again = later.take()
     assert {name: again[name] for name in ("episode_seconds", "fall_share")} == {
@@ -156,13 +156,13 @@ def leaves_of(output: Path) -> list[str]:
 
 def leave_out(patch: pytest.MonkeyPatch, leaf: str) -> dict[str, bool]:
     """Let the next trainings keep their own first value of a leaf; `differs` tells whether that is another one."""
-    load, go_on = Checkpoints.load, Keeper.go_on
+    load, go_on = Checkpoints.load, TrainingCheckpoints.resume
     fresh: dict[str, Any] = {}
     outcome = {"differs": False}
 
-    def remembering(keeper: Keeper) -> int:
-        fresh.update(flatten_state(deepcopy({name: part.state() for name, part in keeper._parts.items()})))
-        return go_on(keeper)
+    def remembering(checkpoints: TrainingCheckpoints) -> int:
+        fresh.update(flatten_state(deepcopy({name: part.state() for name, part in checkpoints._parts.items()})))
+        return go_on(checkpoints)
 
     def without(checkpoints: Checkpoints) -> tuple[int, dict[str, Any]] | None:
         found = load(checkpoints)
@@ -172,6 +172,6 @@ def leave_out(patch: pytest.MonkeyPatch, leaf: str) -> dict[str, bool]:
         outcome["differs"] = digest({"": values[leaf]}) != digest({"": fresh[leaf]})
         return found[0], nest(values | {leaf: fresh[leaf]})
 
-    patch.setattr(Keeper, "go_on", remembering)
+    patch.setattr(TrainingCheckpoints, "resume", remembering)
     patch.setattr(Checkpoints, "load", without)
     return outcome

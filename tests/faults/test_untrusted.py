@@ -20,8 +20,8 @@ import torch
 from romgrl.algorithms import ppo, sac
 from romgrl.artifacts import load_arrays, open_artifact, save_tensors
 from romgrl.errors import ArtifactError
-from tests.faults.artifacts import describe, fill
 from tests.faults.damage import forge, replace_file, sign
+from tests.helpers.artifacts import describe, fill
 from tests.helpers.limits import PATIENCE
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -21,7 +21,7 @@ from romgrl.runtime import signals
 from romgrl.runtime.stage_log import TerminalLog
 from romgrl.stages import student, teacher
 from romgrl.stages.training import policy_selection
-from romgrl.stages.training.checkpoints import Keeper
+from romgrl.stages.training.checkpoints import TrainingCheckpoints
 from tests.conftest import Composer
 
 TEACHER = (
@@ -85,17 +85,17 @@ class Recorder:
         self.steps: list[int] = []
         self.state = ""
         self.spoil: Callable[[dict[str, Any]], None] | None = None
-        keep, load = Keeper.keep, Keeper.go_on
+        keep, load = TrainingCheckpoints.save_if_due, TrainingCheckpoints.resume
 
-        def watched(keeper: Keeper, step: int) -> None:
+        def watched(checkpoints: TrainingCheckpoints, step: int) -> None:
             self.steps.append(step)
-            self.state = digest({name: part.state() for name, part in keeper._parts.items()} | rows(keeper))
+            self.state = digest({name: part.state() for name, part in checkpoints._parts.items()} | rows(checkpoints))
             if self.cut is not None and step >= self.cut:
                 self.cut = None
                 signals._answer(signal.SIGTERM, None)
-            keep(keeper, step)
+            keep(checkpoints, step)
 
-        patch.setattr(Keeper, "keep", watched)
+        patch.setattr(TrainingCheckpoints, "save_if_due", watched)
         patch.setattr(signals, "_pending", None)
         patch.setattr(signals, "_once", False)
         patch.setattr(teacher, "CHECK_EPISODES", 2)
@@ -111,9 +111,9 @@ class Recorder:
         self.steps = []
 
 
-def rows(keeper: Keeper) -> dict[str, Any]:
+def rows(checkpoints: TrainingCheckpoints) -> dict[str, Any]:
     """What is in the replay buffer."""
-    ring: Any = keeper._checkpoints._ring
+    ring: Any = checkpoints._checkpoints._ring
     return {} if ring is None else {"ring": ring.read_rows(max(0, ring.added - ring.rows), ring.added)}
 
 

@@ -9,12 +9,15 @@ from collections.abc import Callable
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
+LIGHT = ROOT / "tests" / "helpers" / "light"  # a torch that takes no time to import, for stages that do not use it
+FAKES = ("tests.helpers.fake_stages", "tests.helpers.fake_jobs")
 Command = Callable[..., "subprocess.CompletedProcess[str]"]
 
 
-def start(*arguments: str, module: str = "tests.helpers.fake_stages", **variables: str) -> subprocess.Popen[str]:
-    """Start the command line in a process of its own."""
-    environment = os.environ | {"PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"} | variables
+def start(*arguments: str, module: str = FAKES[0], **variables: str) -> subprocess.Popen[str]:
+    """Start the command line in a process of its own, which has the real torch with PYTHONPATH=ROOT only."""
+    path = f"{LIGHT}:{ROOT}" if module in FAKES else str(ROOT)
+    environment = os.environ | {"PYTHONPATH": path, "OMP_NUM_THREADS": "1"} | variables
     return subprocess.Popen(
         [sys.executable, "-m", module, *arguments],
         env=environment,

@@ -28,7 +28,7 @@ from romgrl.runtime import signals
 from romgrl.tracking.sending.store import PARENT_TAG
 from tests.conftest import Composer
 from tests.helpers.fake_stages import wait_for
-from tests.helpers.jobs import Command, start, trainings
+from tests.helpers.jobs import LIGHT, ROOT, Command, start, trainings
 from tests.helpers.limits import LONG, PATIENCE
 from tests.tracking.test_recorder import all_runs
 
@@ -74,7 +74,7 @@ def test_threads_are_shared_by_stages_that_can_run_side_by_side() -> None:
 
 
 def test_the_baseline_trains_beside_the_others(command: Command, tmp_path: Path) -> None:
-    result = command(*TWO, "tracking=none", FAKE_SECONDS="1")
+    result = command(*TWO, "tracking=none", FAKE_SECONDS="1", PYTHONPATH=str(ROOT))  # torch itself says its threads
     assert (result.returncode, result.stderr) == (0, "")
     found = times(tmp_path / "outputs")
     teacher, reference, student, baseline = (found[name] for name in ("teacher", "reference", "student", "baseline"))
@@ -230,6 +230,7 @@ def test_a_job_that_waits_for_another_can_be_interrupted(tmp_path: Path, compose
 @pytest.mark.usefixtures("fakes")
 def test_a_terminal_shows_a_bar_for_each(smoke_config: Config, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("FAKE_SECONDS", "1.5")
+    monkeypatch.setenv("PYTHONPATH", f"{LIGHT}:{ROOT}")
     config = replace(smoke_config, threads=2, tracking=replace(smoke_config.tracking, enabled=False))
     console = Console(file=io.StringIO(), force_terminal=True, width=120)
     pipeline.run(config, console=console)

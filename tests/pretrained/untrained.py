@@ -8,7 +8,6 @@ from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
-from romgrl.algorithms.ppo import save_ppo_policy
 from romgrl.artifacts import Manifest, write_manifest
 from romgrl.config.schema import Config
 from romgrl.humanoid.model import configured, fingerprint
@@ -16,14 +15,14 @@ from romgrl.provenance import stage_graph
 from romgrl.provenance.shipped import GROUPS
 from romgrl.provenance.stage_keys import stage_settings
 from romgrl.runtime.stage_log import StageLog
-from romgrl.stages.teacher import build_learner
 from romgrl.stages.wiring.rom import rom_env
+from romgrl.stages.wiring.teacher_learner import build_teacher_learner
 from tests.helpers.walkers import write_walker
 
 
 def teacher(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog) -> None:
     with closing(rom_env(config, num_envs=1, episode_steps=10)) as env:
-        save_ppo_policy(output / "policy.safetensors", build_learner(config, env))
+        save_ppo_policy(output / "policy.safetensors", build_teacher_learner(config, env))
     log.metrics({"speed": 1.0}, 10)
 
 

@@ -20,7 +20,7 @@ from romgrl.config.schema import Config
 from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import student, teacher
 from romgrl.stages.wiring.humanoid import humanoid_env
-from romgrl.stages.wiring.student_learner import build_learner
+from romgrl.stages.wiring.student_learner import build_student_learner
 
 
 class CpuGenerator(torch.Generator):
@@ -61,7 +61,7 @@ def test_student(meta_config: Config, tmp_path: Path) -> None:
     reference = {"features": features, "episode": np.zeros(100, np.int32), "dt": 1 / 30, "speed": 4.0}
     save_arrays(tmp_path / "reference.npz", reference)
     env = humanoid_env(meta_config, num_envs=2)
-    learner = build_learner(meta_config, env, student.window_layout(meta_config), tmp_path)
+    learner = build_student_learner(meta_config, env, student.window_layout(meta_config), tmp_path)
     found = dict(tensors(learner))
     assert len(found) > 20
     assert {name for name, tensor in found.items() if tensor.device.type != "meta"} == set()
@@ -74,8 +74,8 @@ def test_teacher(meta_config: Config, tmp_path: Path, monkeypatch: pytest.Monkey
         made.append(ppo)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(teacher, "train", train)
-    monkeypatch.setattr(teacher, "save_ppo_policy", lambda path, ppo: None)
+    monkeypatch.setattr(teacher, "train_teacher", train)
+    monkeypatch.setattr(teacher, "save_policy", lambda path, ppo: None)
     with pytest.raises(KeyboardInterrupt):
         teacher.run(meta_config, {}, tmp_path, SilentLog())
     found = dict(tensors(made[0]))

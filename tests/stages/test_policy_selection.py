@@ -82,7 +82,7 @@ def test_reward_counts_until_the_first_fall(compose_config: Composer, monkeypatc
     """An untrained policy falls; with everything upright each step would pay 1."""
     config = compose_config(*BASELINE)
     env = policy_selection.humanoid_env(config, num_envs=4, episode_steps=301)
-    learner = student.build_learner(config, env, student.window_layout(config), None)
+    learner = student.build_student_learner(config, env, student.window_layout(config), None)
     monkeypatch.setattr(type(env.task), "reward", lambda *_: 1.0 + 0 * _[1])
     network = policy_selection.StackedMLP(stack=1, **learner.sac.network)
     network.flat.copy_(learner.sac.average.flat)

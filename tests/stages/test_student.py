@@ -18,7 +18,7 @@ from romgrl.config.schema import Config
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import student
-from romgrl.stages.training.student_statistics import EpisodeTally
+from romgrl.stages.training.student_statistics import StudentTally
 from tests.conftest import Composer
 
 SMALL = (
@@ -144,13 +144,13 @@ def test_learning_rates_fall_to_zero_over_the_second_half(
 ) -> None:
     learners: list[RomGrl] = []
     scales: list[float] = []
-    build, scale = student.build_learner, RomGrl.scale_learning_rates
+    build, scale = student.build_student_learner, RomGrl.scale_learning_rates
 
     def remember(learner: RomGrl, value: float) -> None:
         scales.append(value)
         scale(learner, value)
 
-    monkeypatch.setattr(student, "build_learner", lambda *a: learners.append(build(*a)) or learners[-1])
+    monkeypatch.setattr(student, "build_student_learner", lambda *a: learners.append(build(*a)) or learners[-1])
     monkeypatch.setattr(RomGrl, "scale_learning_rates", remember)
     config = configuration("student.total_steps=2000", "student.learning_rate_decay=true")
     student.run(config, {"reference": reference}, tmp_path, SilentLog())
@@ -167,7 +167,7 @@ def test_learning_rates_fall_to_zero_over_the_second_half(
 
 
 def test_tally_of_episodes() -> None:
-    tally = EpisodeTally(num_envs=2, control_frequency=30.0)
+    tally = StudentTally(num_envs=2, control_frequency=30.0)
     info = {"forward_velocity": np.array([1.0, 3.0]), "trunk_lean": np.zeros(2), "diverged": np.zeros(2)}
     nothing, first = np.array([False, False]), np.array([True, False])
     for step in range(60):
@@ -201,7 +201,7 @@ def test_a_stored_reward_is_what_the_discriminator_said_when_the_step_was_taken(
     """Asked again at every step; the same bits on one thread and on two."""
     said: list[torch.Tensor] = []
     learners: list[RomGrl] = []
-    add, build = ReplayBuffer.add, student.build_learner
+    add, build = ReplayBuffer.add, student.build_student_learner
 
     def adding(buffer: ReplayBuffer, *step: Any) -> None:
         judge = learners[0].discriminator
@@ -209,7 +209,7 @@ def test_a_stored_reward_is_what_the_discriminator_said_when_the_step_was_taken(
         said.append(judge.reward(step[6]))
         add(buffer, *step)
 
-    monkeypatch.setattr(student, "build_learner", lambda *a: learners.append(build(*a)) or learners[-1])
+    monkeypatch.setattr(student, "build_student_learner", lambda *a: learners.append(build(*a)) or learners[-1])
     monkeypatch.setattr(ReplayBuffer, "add", adding)
     config = configuration("student.total_steps=1200", "discriminator.reward=stored", *JUDGED_OFTEN)
     config.threads = threads

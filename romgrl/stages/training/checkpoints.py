@@ -24,7 +24,7 @@ class Stateful(Protocol):
         """Go on from a state."""
 
 
-class Keeper:
+class TrainingCheckpoints:
     """Keeps the state of all `parts` of a training of `total` steps in its workspace `output`.
 
     `save_policy` writes what can be used at once; `seconds` of work lie between two checkpoints; `ring` is the replay
@@ -48,7 +48,7 @@ class Keeper:
         self._saved = time.monotonic()
         self._step = 0
 
-    def go_on(self) -> int:
+    def resume(self) -> int:
         """Restore the newest checkpoint and return its step; 0 where there is none."""
         found = self._checkpoints.load()
         if found is None:
@@ -63,8 +63,8 @@ class Keeper:
         return step
 
     @contextmanager
-    def watch(self, stage: str) -> Iterator[None]:
-        """Keep signals back for `keep`, and tell after which step a training left the finite numbers."""
+    def deferring_signals(self, stage: str) -> Iterator[None]:
+        """Keep signals back for `save_if_due`, and tell after which step a training left the finite numbers."""
         try:
             with signals.deferred():
                 yield
@@ -73,7 +73,7 @@ class Keeper:
                 f"{stage}: {error}, after step {self._step:,}; the last checkpoint is kept"
             ) from error
 
-    def keep(self, step: int) -> None:
+    def save_if_due(self, step: int) -> None:
         """Write a checkpoint where one is due; where a signal has come, write it and raise Interrupted."""
         self._step = step
         pending = signals.pending()

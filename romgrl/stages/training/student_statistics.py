@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-class EpisodeTally:
+class StudentTally:
     """Sums over the steps since the last `take`."""
 
     def __init__(self, num_envs: int, control_frequency: float) -> None:

@@ -18,7 +18,7 @@ from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 from romgrl.stages.wiring.artifact_arrays import read_reference
 
 
-def build_learner(
+def build_student_learner(
     config: Config,
     env: PlanarHumanoidVectorEnv,
     layout: WindowLayout,

@@ -1,4 +1,4 @@
-"""Artifacts to break: small ones made at once, and real ones of the smallest configuration."""
+"""A small artifact with one file of each kind, made at once."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ def fill(directory: Path) -> None:
     """One payload file of each kind."""
     (directory / "figures").mkdir(parents=True)
     save_tensors(directory / "policy.safetensors", {"w": torch.arange(6.0).reshape(2, 3)}, {"network": "{}"})
-    save_arrays(directory / "reference.npz", {"features": np.ones((7, 5)), "episode": np.arange(7)})
+    save_arrays(directory / "reference.npz", {"features": np.ones((7, 5)), "dt": 1 / 30, "episode": np.arange(7)})
     (directory / "curve.csv").write_text("step,loss\n1,2\n", encoding="utf-8")
     (directory / "figures" / "a.txt").write_text("figure", encoding="utf-8")
 
