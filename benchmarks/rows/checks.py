@@ -21,7 +21,7 @@ from romgrl.algorithms.sac import load_sac_policy
 from romgrl.config.schema import Config
 from romgrl.gait.features import gait_from_rollouts
 from romgrl.gait.metrics import describe as describe_gait
-from romgrl.stages import evaluation
+from romgrl.stages.rollouts.humanoid import roll_out
 from romgrl.stages.wiring.humanoid import humanoid_env
 from romgrl.stages.wiring.seeds import EVALUATION_SEED
 
@@ -150,7 +150,7 @@ def speed_errors(config: Config, policy: Path) -> tuple[float, float] | None:
     steps = round(SECONDS * config.humanoid.control_frequency)
     env = humanoid_env(config, num_envs=EPISODES, episode_steps=steps + 1)
     seed = config.seed + EVALUATION_SEED  # resets that no training has drawn
-    rolled = evaluation.roll_out(env, load_sac_policy(policy), steps=steps, seed=seed, progress=lambda step: None)
+    rolled = roll_out(env, load_sac_policy(policy), steps=steps, seed=seed, progress=lambda step: None)
     env.close()
     arrays: dict[str, Any] = {
         "dt": np.float64(env.control_step),

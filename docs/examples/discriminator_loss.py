@@ -23,14 +23,14 @@ def main() -> dict[str, float]:
     """Tell two Gaussians apart: the accuracy on the teacher's, and the mean reward of either."""
     torch.manual_seed(0)
     teacher, student = torch.randn(2000, 5), torch.randn(2000, 5) + 3.0
-    judge = Discriminator(
+    discriminator = Discriminator(
         reference=teacher, hidden_sizes=[32, 32], dropout=0.0, learning_rate=1e-3, penalty_weight=0.1,
         label_smoothing=0.0, noise=0.0, reward_limit=None, held_out=0.1, patience=None, standardize=True, seed=0,
         loss="hinge",
     )  # fmt: skip
     for _ in range(300):
-        metrics = judge.update(student[torch.randint(2000, (64,))])
-    rewards = {name: float(judge.reward(x).mean()) for name, x in (("teacher", teacher), ("student", student))}
+        metrics = discriminator.update(student[torch.randint(2000, (64,))])
+    rewards = {name: float(discriminator.reward(x).mean()) for name, x in (("teacher", teacher), ("student", student))}
     return {"accuracy": float(metrics["discriminator_accuracy_teacher"]), **rewards}
 
 

@@ -20,7 +20,7 @@ def main(steps: int = 1500) -> np.ndarray:
         critic_learning_rate=1e-3, temperature_learning_rate=1e-3, initial_temperature=0.2, target_entropy_scale=1.0,
         gamma=0.98, tau=0.01, policy_delay=1, critic_target="minimum", policy_average=0.0, seed=0,
     )  # fmt: skip
-    buffer = ReplayBuffer(capacity=20_000, num_envs=ENVS, observation_size=3, action_size=1, frame_size=1, seed=0)
+    buffer = ReplayBuffer(capacity=20_000, num_envs=ENVS, observation_size=3, action_size=1, window_size=1, seed=0)
     no_window, rewards = torch.zeros(ENVS, 1), np.zeros(steps)  # windows are for a discriminator
     observation = torch.from_numpy(env.reset(seed=0)[0])
     for step in range(steps):

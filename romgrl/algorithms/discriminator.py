@@ -1,4 +1,4 @@
-"""Adversarial discriminator of the gait (paper section 3.3): ROM frames are real, the student's are fake."""
+"""Adversarial discriminator of the gait (paper section 3.3): ROM windows are real, the student's are fake."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from romgrl.algorithms.tensor_state import optimizer_state, put_all, restore_opt
 
 
 class Discriminator:
-    """Judge of windows of gait features, (B, frame_size) -> logit (B,).
+    """Discriminator of windows of gait features, (B, window_size) -> logit (B,).
 
-    `reference` holds the windows of the teacher, (N, frame_size); the last `held_out` share of it validates.
+    `reference` holds the windows of the teacher, (N, window_size); the last `held_out` share of it validates.
     `noise` is the standard deviation of the Gaussian noise on both streams while training, in feature units. `loss` is
     a key of LOSSES; `penalty_on` says where the gradient penalty is taken: "interpolates" of both streams, with norm 1
     as its aim, or with aim 0 on the "reference" or on "both" streams.
@@ -68,21 +68,21 @@ class Discriminator:
         self.stopped = False
         self.updates = 0
 
-    def logits(self, frames: Tensor) -> Tensor:
+    def logits(self, windows: Tensor) -> Tensor:
         """Logit of being the teacher's, (B,)."""
-        return self._judge((frames - self.mean) * self.scale)
+        return self._logit((windows - self.mean) * self.scale)
 
     @torch.no_grad()
-    def reward(self, frames: Tensor) -> Tensor:
+    def reward(self, windows: Tensor) -> Tensor:
         """Imitation reward (B,) of clean windows, dropout off."""
         self.network.eval()
-        return self.adversarial.paid(self.logits(frames), self.level, self.reward_limit)
+        return self.adversarial.paid(self.logits(windows), self.level, self.reward_limit)
 
-    def update(self, frames: Tensor) -> dict[str, Tensor]:
-        """One step on as many windows of the teacher as of the student, (B, frame_size)."""
+    def update(self, windows: Tensor) -> dict[str, Tensor]:
+        """One step on as many windows of the teacher as of the student, (B, window_size)."""
         self.network.train()
-        index = torch.randint(len(self.real), (len(frames),), generator=self.generator, device=frames.device)
-        real, fake = self._perturb(self.real[index]), self._perturb(frames)
+        index = torch.randint(len(self.real), (len(windows),), generator=self.generator, device=windows.device)
+        real, fake = self._perturb(self.real[index]), self._perturb(windows)
         real_logits, fake_logits = self.logits(real), self.logits(fake)
         loss = self.adversarial.loss(real_logits, fake_logits, self.label_smoothing)
         penalty = self._penalty(real, fake)
@@ -103,17 +103,17 @@ class Discriminator:
         }
 
     @torch.no_grad()
-    def measures(self, frames: Tensor) -> dict[str, float]:
-        """How it tells the student's windows (B, frame_size) from the teacher's, without noise or dropout.
+    def measures(self, windows: Tensor) -> dict[str, float]:
+        """How it tells the student's windows (B, window_size) from the teacher's, without noise or dropout.
 
         `feature_gap` does not ask the network: root mean square over the columns of the difference of means, in
         standard deviations of the teacher, and of the logarithm of the ratio of the deviations.
         """
         self.network.eval()
-        student, teacher, held_out = self.logits(frames), self.logits(self.real), self.logits(self.validation)
+        student, teacher, held_out = self.logits(windows), self.logits(self.real), self.logits(self.validation)
         deviation = self.real.std(0).clamp(min=1e-3)
-        shift = (frames.mean(0) - self.real.mean(0)) / deviation
-        ratio = (frames.std(0).clamp(min=1e-3) / deviation).log()
+        shift = (windows.mean(0) - self.real.mean(0)) / deviation
+        ratio = (windows.std(0).clamp(min=1e-3) / deviation).log()
         values = {
             "logit_teacher": teacher.mean(),
             "logit_student": student.mean(),
@@ -162,18 +162,18 @@ class Discriminator:
             self.stopped = bool(self.stale_updates >= self.patience)
         return loss
 
-    def _judge(self, inputs: Tensor) -> Tensor:
+    def _logit(self, inputs: Tensor) -> Tensor:
         logit: Tensor = self.network(inputs).squeeze(-1)
         return logit
 
     def _penalty(self, real: Tensor, fake: Tensor) -> Tensor:
         """Slopes are by what the network sees: with standardised features, by their standard deviations."""
-        real, fake = ((frames - self.mean) * self.scale for frames in (real, fake))
+        real, fake = ((windows - self.mean) * self.scale for windows in (real, fake))
         if self.penalty_on == "interpolates":
             mix = torch.rand((len(real), 1), generator=self.generator, device=real.device)
-            return interpolate_penalty(self._judge, real, fake, mix)
-        return zero_penalty(self._judge, real if self.penalty_on == "reference" else torch.cat((real, fake)))
+            return interpolate_penalty(self._logit, real, fake, mix)
+        return zero_penalty(self._logit, real if self.penalty_on == "reference" else torch.cat((real, fake)))
 
-    def _perturb(self, frames: Tensor) -> Tensor:
-        noise = torch.randn(frames.shape, generator=self.generator, device=frames.device)
-        return frames + self.noise * noise
+    def _perturb(self, windows: Tensor) -> Tensor:
+        noise = torch.randn(windows.shape, generator=self.generator, device=windows.device)
+        return windows + self.noise * noise

@@ -29,18 +29,18 @@ WATCHED = (
 LASTING_ROWS = (
     5  # a diagnosis holds over this many rows, about 20,000 steps: the start of a training has bad rows in between
 )
-# Rewards are shares of what an undecided judge pays: bce log 2, least_squares 3/4, wasserstein 1.
-CERTAIN = 0.97  # accuracy on both streams; noise and dropout keep judges that are still useful near 0.9
+# Rewards are shares of what an undecided discriminator pays: bce log 2, least_squares 3/4, wasserstein 1.
+CERTAIN = 0.97  # accuracy on both streams; noise and dropout keep discriminators that are still useful near 0.9
 WORTHLESS = 0.18  # labels 0.1 and 0.9, told perfectly, leave softplus(-log 9) = 0.105, 0.15 of log 2
 LIMIT = 0.98  # of reward_limit: the clamp has taken the slope away
-FLAT = 0.25  # logits; untrained networks of these sizes spread by 0.1, judges that learned by more than 1
+FLAT = 0.25  # logits; untrained networks of these sizes spread by 0.1, discriminators that learned by more than 1
 APART = 0.5  # standard deviations of the teacher, root mean square over columns; students that run well have less
-OVERFIT = 0.15  # of the loss of an undecided judge
+OVERFIT = 0.15  # of the loss of an undecided discriminator
 SILENT_SHARE = 0.05  # below it the imitation reward is noise beside the task reward
 SAME_SHARE, SAME_REWARD = 0.02, 0.05  # span over the rows
 UNRELATED = 0.3  # rank correlation with time
 STANDING = 0.25  # of the target speed
-PAID = 0.8  # a plausible pose earns about what an undecided judge pays
+PAID = 0.8  # a plausible pose earns about what an undecided discriminator pays
 
 
 class Diagnosis(NamedTuple):
@@ -53,7 +53,7 @@ class Diagnosis(NamedTuple):
 
 @dataclass(frozen=True)
 class TrainingSetting:
-    """What the numbers are measured against: target speed in m/s, the reward and loss of an undecided judge."""
+    """What the numbers are measured against: target speed in m/s, the reward and loss of an undecided discriminator."""
 
     speed: float
     eta: float

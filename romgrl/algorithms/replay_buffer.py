@@ -1,4 +1,4 @@
-"""Replay buffer of the student: time-major rings, next observations by index, frames of the gait beside them."""
+"""Replay buffer of the student: time-major rings, next observations by index, windows of the gait beside them."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Batch:
     next_observation: Tensor  # (B, observation_size)
     task_reward: Tensor  # (B,)
     terminated: Tensor  # (B,) 1 where the episode ended in a fall
-    frames: Tensor  # (B, frame_size) window of gait features after the step
+    windows: Tensor  # (B, window_size) window of gait features after the step
     imitation_reward: Tensor  # (B,) as stored when the step was taken
 
     def split(self, parts: int) -> list[Batch]:
@@ -45,12 +45,12 @@ class ReplayBuffer:
         num_envs: int,
         observation_size: int,
         action_size: int,
-        frame_size: int,
+        window_size: int,
         seed: int,
         device: str = "cpu",
         mirror_observation: Mirror | None = None,
         mirror_action: Mirror | None = None,
-        mirror_frames: Mirror | None = None,
+        mirror_windows: Mirror | None = None,
     ) -> None:
         if capacity < 4 * num_envs:
             raise ValueError(f"capacity {capacity} holds fewer than 4 steps of {num_envs} environments")
@@ -59,7 +59,7 @@ class ReplayBuffer:
         shape = (self.rows, num_envs)
         self.observation = torch.zeros((*shape, observation_size), device=device)
         self.action = torch.zeros((*shape, action_size), device=device)
-        self.frames = torch.zeros((*shape, frame_size), device=device)
+        self.windows = torch.zeros((*shape, window_size), device=device)
         self.task_reward = torch.zeros(shape, device=device)
         self.imitation_reward = torch.zeros(shape, device=device)
         self.terminated = torch.zeros(shape, device=device)
@@ -68,7 +68,7 @@ class ReplayBuffer:
         self.newest = torch.zeros(1, dtype=torch.int64, device=device)
         """Flat index of a transition of the last step in which an environment was not truncated."""
         self.usable = 0  # steps that were added up to that one
-        given = (mirror_observation, mirror_action, mirror_frames)
+        given = (mirror_observation, mirror_action, mirror_windows)
         self.mirrors = [mirror and mirror.tensors(device) for mirror in given]
         self.generator = torch.Generator(device=device).manual_seed(seed)
         self.added = 0
@@ -85,7 +85,7 @@ class ReplayBuffer:
         task_reward: Tensor,
         terminated: Tensor,
         truncated: Tensor,
-        frames: Tensor,
+        windows: Tensor,
         imitation_reward: Tensor | float = 0.0,
     ) -> None:
         """Store one step of all environments; `next_observation` is the one after any reset.
@@ -99,7 +99,7 @@ class ReplayBuffer:
         self.terminated[row] = terminated
         cut = truncated.bool() & ~terminated.bool()  # a fall needs no successor
         self.back[row] = (self.back[row - 1] + 1) * cut.to(self.back.device)
-        self.frames[row] = frames
+        self.windows[row] = windows
         self.imitation_reward[row] = imitation_reward
         self.observation[(row + 1) % self.rows] = next_observation
         self.added += 1
@@ -117,30 +117,30 @@ class ReplayBuffer:
             next_observation=_rows(self.observation, following),
             task_reward=_rows(self.task_reward, index),
             terminated=_rows(self.terminated, index),
-            frames=_rows(self.frames, index),
+            windows=_rows(self.windows, index),
             imitation_reward=_rows(self.imitation_reward, index),
         )
-        observation, action, frames = self.mirrors
+        observation, action, windows = self.mirrors
         _mirror_half(batch.observation, observation)
         _mirror_half(batch.next_observation, observation)
         _mirror_half(batch.action, action)
-        _mirror_half(batch.frames, frames)
+        _mirror_half(batch.windows, windows)
         return batch
 
-    def sample_frames(self, size: int, recent: int | None = None) -> Tensor:
-        """Draw windows of gait features, (size, frame_size), from the last `recent` transitions (None: all)."""
+    def sample_windows(self, size: int, recent: int | None = None) -> Tensor:
+        """Draw windows of gait features, (size, window_size), from the last `recent` transitions (None: all)."""
         rows = min(self.added, self.rows - 1) - 1
         if recent is not None:
             rows = min(rows, max(1, recent // self.num_envs))
-        frames = _rows(self.frames, self._draw(size, rows))
-        _mirror_half(frames, self.mirrors[2])
-        return frames
+        windows = _rows(self.windows, self._draw(size, rows))
+        _mirror_half(windows, self.mirrors[2])
+        return windows
 
-    def newest_frames(self, size: int) -> Tensor:
-        """The last windows of gait features, (at most `size`, frame_size), as they were stored."""
+    def newest_windows(self, size: int) -> Tensor:
+        """The last windows of gait features, (at most `size`, window_size), as they were stored."""
         count = min(self.added, self.rows, max(1, size // self.num_envs))
-        index = torch.arange(self.added - count, self.added, device=self.frames.device) % self.rows
-        return self.frames.index_select(0, index).flatten(0, 1)
+        index = torch.arange(self.added - count, self.added, device=self.windows.device) % self.rows
+        return self.windows.index_select(0, index).flatten(0, 1)
 
     def state(self) -> dict[str, Any]:
         """Everything but the rows: counters, random stream, and the observation that the newest row led to."""
@@ -176,7 +176,7 @@ class ReplayBuffer:
         return {
             "observation": self.observation,
             "action": self.action,
-            "frames": self.frames,
+            "windows": self.windows,
             "task_reward": self.task_reward,
             "imitation_reward": self.imitation_reward,
             "terminated": self.terminated,

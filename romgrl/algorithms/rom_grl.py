@@ -21,7 +21,7 @@ from romgrl.algorithms.second_thread import submit_or_run
 
 @dataclass
 class RomGrl:
-    """What one update needs: the agent, its judge, its memory and the weight of the task reward."""
+    """What one update needs: the agent, its discriminator, its memory and the weight of the task reward."""
 
     sac: SAC
     discriminator: Discriminator | None
@@ -52,29 +52,29 @@ class RomGrl:
 
         What it returns may be called again: the updates are done once.
         """
-        judge, due, self.discriminator_due = self.discriminator, self.discriminator_due, 0
-        if judge is None or judge.stopped or due == 0:
+        discriminator, due, self.discriminator_due = self.discriminator, self.discriminator_due, 0
+        if discriminator is None or discriminator.stopped or due == 0:
             return dict
-        streams = self.buffer.sample_frames(due * self.discriminator_batch, self.discriminator_recent).chunk(due)
-        return cache(submit_or_run(self.sac.lane, lambda: [judge.update(stream) for stream in streams][-1]))
+        streams = self.buffer.sample_windows(due * self.discriminator_batch, self.discriminator_recent).chunk(due)
+        return cache(submit_or_run(self.sac.lane, lambda: [discriminator.update(stream) for stream in streams][-1]))
 
-    def collected_reward(self, frames: Tensor, judged: Callable[[], Metrics]) -> Tensor | float:
+    def collected_reward(self, windows: Tensor, updated: Callable[[], Metrics]) -> Tensor | float:
         """Imitation reward (N,) of a step's windows where rewards are stored, once the running update is through."""
         if self.discriminator is None or not self.stored_reward:
             return 0.0
-        judged()
-        return self.imitation(frames)
+        updated()
+        return self.imitation(windows)
 
-    def imitation(self, frames: Tensor) -> Tensor:
+    def imitation(self, windows: Tensor) -> Tensor:
         """Imitation reward (N,) of windows with the discriminator as it is now, zeros without one."""
-        frames = frames.to(self.buffer.frames.device)
-        return frames.new_zeros(len(frames)) if self.discriminator is None else self.discriminator.reward(frames)
+        windows = windows.to(self.buffer.windows.device)
+        return windows.new_zeros(len(windows)) if self.discriminator is None else self.discriminator.reward(windows)
 
     def scale_learning_rates(self, scale: float) -> None:
         """Set all learning rates to their configured values times `scale`.
 
-        The discriminator's as well: with a fast judge and an agent that hardly learns, a speed of 4.0 m/s fell to 2.9
-        over the last tenth of a training.
+        The discriminator's as well: with one that learns fast and an agent that hardly does, a speed of 4.0 m/s fell to
+        2.9 over the last tenth of a training.
         """
         optimizers = [self.sac.policy_optimizer, self.sac.critic_optimizer]
         if self.discriminator is not None:
@@ -87,7 +87,7 @@ class RomGrl:
         """How the discriminator tells the last `size` windows from the teacher's; nothing before it has learned."""
         if self.discriminator is None or self.discriminator.updates == 0:
             return {}
-        return self.discriminator.measures(self.buffer.newest_frames(size))
+        return self.discriminator.measures(self.buffer.newest_windows(size))
 
     def counts(self) -> dict[str, float]:
         """How often each part was updated, and whether the discriminator has stopped (paper section 4.1.3)."""
@@ -99,9 +99,9 @@ class RomGrl:
 
     def state(self) -> dict[str, Any]:
         """Everything that `restore` needs, but the rows of the buffer."""
-        judge = {"discriminator": self.discriminator.state()} if self.discriminator is not None else {}
+        discriminator = {"discriminator": self.discriminator.state()} if self.discriminator is not None else {}
         own = {"stop_seen": self.stop_seen, "discriminator_due": self.discriminator_due}
-        return own | {name: part.state() for name, part in self._parts().items()} | judge
+        return own | {name: part.state() for name, part in self._parts().items()} | discriminator
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Go on from a state."""
@@ -123,7 +123,7 @@ class RomGrl:
         """eta r_env + (1 - eta) r_im with the discriminator as it is now (paper, J(pi))."""
         if self.discriminator is None:
             return self.eta * batch.task_reward, {"task_reward": batch.task_reward.mean()}
-        imitation = batch.imitation_reward if self.stored_reward else self.discriminator.reward(batch.frames)
+        imitation = batch.imitation_reward if self.stored_reward else self.discriminator.reward(batch.windows)
         reward = self.eta * batch.task_reward + (1 - self.eta) * imitation
         share = (1 - self.eta) * imitation.mean() / reward.mean().clamp(min=1e-6)
         return reward, {

@@ -191,7 +191,7 @@ class SAC:
 
 
 class SACPolicy:
-    """The mean action of a trained policy: (N, 358) float32 -> (N, A) float32 in [-1, 1]."""
+    """The mean action of a trained policy: (N, O) float32 -> (N, A) float32 in [-1, 1]."""
 
     def __init__(
         self, policy: StackedMLP, columns: Tensor, mean: Tensor, scale: Tensor, *, names: Sequence[str] | None = None

@@ -170,12 +170,20 @@ def settle_kinds(config: DictConfig) -> None:
         kinds, place = group.metadata.get("kinds", {}), config.get(group.name)
         if kinds and isinstance(place, DictConfig) and OmegaConf.is_missing(place, KIND):
             place[KIND] = next(iter(kinds))
-    for key in foreign_keys(lambda key: OmegaConf.select(config, key, default=None)):
+    for key in foreign_keys(lambda key: chosen_kind(config, key)):
         group_name, _, name = key.partition(".")
         place = config.get(group_name)
         if isinstance(place, DictConfig) and OmegaConf.is_missing(place, name):
             with open_dict(place):
                 del place[name]
+
+
+def chosen_kind(config: DictConfig, key: str) -> Any:
+    """What a key that chooses a kind says; None where that cannot be resolved, which is told elsewhere."""
+    try:
+        return OmegaConf.select(config, key, default=None)
+    except OmegaConfBaseException:
+        return None
 
 
 def name_choices(config: DictConfig) -> None:
@@ -202,7 +210,7 @@ def require_allowed(config: DictConfig, changed: Collection[str] | None = None) 
 def walk_entries(
     node: DictConfig | ListConfig, names: Sequence[str] | None = None, path: tuple[str, ...] = ()
 ) -> Iterator[tuple[tuple[str, ...], Any]]:
-    """Path and value of every entry, or those below `names`, interpolations resolved; UNKNOWN for what cannot be."""
+    """Path and value of every entry, or those below `names`, interpolations resolved; UNRESOLVED for what cannot be."""
     if len(path) > DEEPEST:
         yield path, UNRESOLVED
         return

@@ -16,7 +16,7 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
 
 from romgrl.cli import search_space
-from romgrl.cli.allowlist import guard_hydra
+from romgrl.cli.allowlist import chosen_kind, guard_hydra
 from romgrl.cli.consistency import misfits
 from romgrl.cli.hydra_settings import hydra_faults
 from romgrl.config.fields import MISSING
@@ -46,7 +46,7 @@ ABSENT = object()
 def register_schema() -> None:
     """Tell Hydra the keys, without values or types, under the name that conf/config.yaml starts from; guard it.
 
-    `read` holds the types: Hydra would stop at the first value that does not have its own.
+    `read_composed` holds the types: Hydra would stop at the first value that does not have its own.
     """
     guard_hydra()
     search_space.register()
@@ -97,15 +97,11 @@ def read_composed(composed: DictConfig, where: Callable[[str], str] = nowhere) -
     """The configuration, and by key what is wrong with it: values that are bad are missing in the configuration."""
     bad = {name: unknown_key(name, where(name)) for name in added_keys(composed)}
     bad |= broken_groups(composed)
-    foreign = foreign_keys(lambda key: OmegaConf.select(composed, key, default=None))
+    foreign = foreign_keys(lambda key: chosen_kind(composed, key))
     values: dict[str, Any] = {}
     for key, entry in schema_keys().items():
-        if key in foreign:
-            if OmegaConf.select(composed, key, default=None) is not None:
-                kind = OmegaConf.select(composed, foreign[key])
-                bad[key] = f"{key}: {foreign[key]}={kind} has no such key{where(key)}"
-            continue
-        values[key] = MISSING
+        if key not in foreign:
+            values[key] = MISSING
         if key.partition(".")[0] in bad:
             bad[key] = ""  # the line of its group says it
             continue
@@ -116,7 +112,11 @@ def read_composed(composed: DictConfig, where: Callable[[str], str] = nowhere) -
         except (OmegaConfBaseException, RecursionError) as error:
             bad[key] = unresolved(composed, key, error)
             continue
-        if value is ABSENT:
+        if key in foreign:
+            if value is not ABSENT:
+                kind = chosen_kind(composed, foreign[key])
+                bad[key] = f"{key}: {foreign[key]}={kind} has no such key"
+        elif value is ABSENT:
             bad[key] = f"{key}: has no value; give it as {key}=...; allowed: {allowed(entry)}"
         elif fits(value, entry):
             values[key] = convert(value, entry)

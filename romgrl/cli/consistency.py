@@ -43,14 +43,6 @@ def misfits(config: Config, bad: Collection[str] = ()) -> Iterator[str]:
             told.add(key)
 
 
-def ranges(config: Config) -> Iterator[str]:
-    """A range has two ends."""
-    for key in keys_of(config):
-        value = value_of(config, key)
-        if key in RANGES and (len(value) != 2 or not value[0] <= value[1]):
-            yield refusal(key, value, "two numbers, the lower one first")
-
-
 def levels(config: Config) -> Iterator[str]:
     """The levels of a disturbance rise, so that each is there once."""
     for key in LEVELS:
@@ -108,45 +100,48 @@ def scored_window(config: Config) -> Iterator[str]:
         yield refusal("evaluation.window", config.evaluation.window, permitted)
 
 
-def judged_windows(config: Config) -> Iterator[str]:
+def discriminator_windows(config: Config) -> Iterator[str]:
     """The reference has windows for the discriminator, some to learn from and one to be held out at least."""
     from romgrl.gait.discriminator_windows import WindowLayout
 
-    judge, episodes = config.discriminator, reference_episodes(config)
-    if not judge.enabled:
+    discriminator, episodes = config.discriminator, reference_episodes(config)
+    if not discriminator.enabled:
         return
-    span = WindowLayout(judge.features, judge.window, judge.stride).span
+    span = WindowLayout(discriminator.features, discriminator.window, discriminator.stride).span
     if span > episodes[0]:
         permitted = f"windows of at most reference.steps / reference.episodes = {episodes[0]} control steps, not {span}"
-        yield refusal("discriminator.window", judge.window, permitted)
+        yield refusal("discriminator.window", discriminator.window, permitted)
         return
     windows = sum(max(0, steps - span + 1) for steps in episodes) * (2 if config.student.mirror else 1)
-    if max(1, round(windows * (1 - judge.held_out))) >= windows:
+    if max(1, round(windows * (1 - discriminator.held_out))) >= windows:
         permitted = f"a share of the reference's {windows} windows that holds at least one"
-        yield refusal("discriminator.held_out", judge.held_out, permitted)
+        yield refusal("discriminator.held_out", discriminator.held_out, permitted)
 
 
 def critic(config: Config) -> Iterator[str]:
     """Nothing but the penalty keeps a Wasserstein critic from growing without end."""
-    judge = config.discriminator
-    if judge.enabled and judge.loss in CRITICS and judge.gradient_penalty == 0:
-        yield refusal("discriminator.gradient_penalty", 0, f"more than 0 with discriminator.loss={judge.loss}")
+    discriminator = config.discriminator
+    if discriminator.enabled and discriminator.loss in CRITICS and discriminator.gradient_penalty == 0:
+        yield refusal("discriminator.gradient_penalty", 0, f"more than 0 with discriminator.loss={discriminator.loss}")
 
 
 def reduced_order_model(config: Config) -> Iterator[str]:
-    """The reduced-order model can be: it says which of its parameters is at fault."""
-    from romgrl.rom.registry import MODELS
+    """The reduced-order model can be, with the humanoid's sizes: it says which of its parameters is at fault."""
+    from romgrl.humanoid.model import configured, dimensions
+    from romgrl.humanoid.process_settings import set_up_mujoco
+    from romgrl.rom.registry import MODELS, parameters_of
 
-    model = MODELS[config.rom.model]
-    values = {name: value for name, value in vars(config.rom).items() if name not in OF_ROM and value is not None}
-    if config.rom.mass is None and config.humanoid.xml is None:
-        values["mass"] = config.humanoid.mass
-    for name, permitted in model.faults(model.parameters(**values), config.humanoid.control_frequency):
-        yield refusal(f"rom.{name}", values.get(name), permitted)
+    set_up_mujoco()
+    try:
+        parameters = parameters_of(config.rom, dimensions(configured(config.humanoid)))
+    except ConfigurationError:
+        return  # `humanoid_file` says why
+    for name, permitted in MODELS[config.rom.model].faults(parameters, config.humanoid.control_frequency):
+        yield refusal(f"rom.{name}", getattr(parameters, name, None), permitted)
 
 
 def humanoid_file(config: Config) -> Iterator[str]:
-    """The file of the humanoid is one; MuJoCo is imported only where there is one to read."""
+    """The file of the humanoid is one."""
     humanoid, name = config.humanoid, config.humanoid.skeleton
     if humanoid.xml is None:
         if name != OWN_SKELETON:
@@ -199,20 +194,16 @@ def cuda_available() -> bool:
     return torch.cuda.is_available()
 
 
-RANGES = tuple(key for key, entry in schema_keys().items() if entry.metadata["span"])
 LEVELS = ("robustness.push_impulse", "robustness.observation_noise", "robustness.mass", "robustness.friction")
 REPLAY = ("student.buffer_size", "student.num_envs", "student.learning_starts", "student.updates_per_step")
 REFERENCE = ("reference.steps", "reference.episodes")
-JUDGED = ("discriminator.features", "discriminator.window", "discriminator.stride")
-JUDGE = ("discriminator.enabled", *JUDGED, "discriminator.held_out", "student.mirror")
+DISCRIMINATOR_WINDOW = ("discriminator.features", "discriminator.window", "discriminator.stride")
+DISCRIMINATOR = ("discriminator.enabled", *DISCRIMINATOR_WINDOW, "discriminator.held_out", "student.mirror")
 CRITIC = ("discriminator.enabled", "discriminator.loss", "discriminator.gradient_penalty")
-OF_HUMANOID = ("humanoid.mass", "humanoid.xml", "humanoid.control_frequency")
-ROM = (*(key for key in schema_keys() if key.startswith("rom.")), *OF_HUMANOID)
-OF_ROM = ("name", "model")  # keys that are no parameters of the model
+ROM = tuple(key for key in schema_keys() if key.startswith(("rom.", "humanoid.")))
 UNUSED_BY_SHIPPED = ("student.", "discriminator.", "reference.", "evaluation.", "robustness.", "tracking.", "paths.")
 PRETRAINED = ("student.pretrained", *(key for key in schema_keys() if not key.startswith(UNUSED_BY_SHIPPED)))
 CHECKS: tuple[tuple[tuple[str, ...], Callable[[Config], Iterator[str]]], ...] = (
-    (RANGES, ranges),
     (LEVELS, levels),
     at_most("robustness.push_duration", "robustness.horizon"),
     at_most("student.batch_size", "student.buffer_size"),
@@ -223,7 +214,7 @@ CHECKS: tuple[tuple[tuple[str, ...], Callable[[Config], Iterator[str]]], ...] = 
     (("teacher.num_envs", "teacher.rollout_steps", "teacher.minibatch_size"), rollout),
     (REPLAY, replay_buffer),
     ((*REFERENCE, "evaluation.window"), scored_window),
-    ((*REFERENCE, *JUDGE), judged_windows),
+    ((*REFERENCE, *DISCRIMINATOR), discriminator_windows),
     (CRITIC, critic),
     (ROM, reduced_order_model),
     (("humanoid.xml", "humanoid.skeleton", "humanoid.actuation"), humanoid_file),

@@ -16,7 +16,7 @@ REFERENCE_HEAD = """# Configuration
 
 Every key with its unit, the values it takes and its default. Set keys on the command line as `key=value`, and groups as
 `group=choice`; `python -m romgrl --cfg job` prints the result. Written from the schema by `make docs`: edit
-`romgrl/config/schema.py` (meaning, unit, range) or `conf/` (values) instead.
+`romgrl/config/` (schema.py, worlds.py, learners.py: meaning, unit, range) or `conf/` (values) instead.
 """
 
 
@@ -33,7 +33,7 @@ def group_section(group: str, keys: dict[str, Field[Any]], config: Config) -> st
     doc = (type(getattr(config, group)) if group else Config).__doc__ or ""
     lines = [f"## {group or 'Top level'}", "", " ".join(doc.split()), ""]
     choices = sorted(path.stem for path in (CONF / (group or "experiment")).glob("*.yaml"))
-    lines += [f"Choices of `{group or 'experiment'}`: {', '.join(choices)}.", ""]
+    lines += [f"Choices of `{group or 'experiment'}`: {', '.join(choices)}.", ""] if choices else []
     rows = []
     for name, entry in keys.items():
         if name.rpartition(".")[0] == group:

@@ -78,7 +78,7 @@ class Student:
 
 @dataclass
 class Discriminator:
-    """Adversarial judge of the gait (paper section 3.3)."""
+    """Adversarial discriminator of the gait (paper section 3.3)."""
 
     name: str = key("what it is called; not given: as its preset")
     enabled: bool = key("false: no imitation; the student is the baseline, whatever eta and noise are")
@@ -87,7 +87,7 @@ class Discriminator:
         "velocities; trunk_velocities: all of these",
         choices=("paper", "trunk", "velocities", "trunk_velocities"),
     )
-    window: int = key("frames judged together", low=1, high=32)
+    window: int = key("frames seen together", low=1, high=32)
     stride: int = key("control steps from one frame of a window to the next", low=1, high=32)
     loss: str = key(
         "bce: cross-entropy; least_squares: as AMP; wasserstein: a critic as WGAN-GP; each with its own reward",

@@ -43,7 +43,7 @@ class Robustness:
     trials: int = key("trials of each walker at each level", low=1, high=100_000)
     horizon: float = key("a fall counts until this long after the disturbance began", unit="s", low=0.1, high=1000)
     push_impulse: list[float] = key(
-        "horizontal impulses on the chest per body mass, each forward and backward", unit="N s/kg", low=0, high=10
+        "horizontal impulses on the trunk per body mass, each forward and backward", unit="N s/kg", low=0, high=10
     )
     push_duration: float = key(
         "the impulse is spread over this time, rounded to control steps", unit="s", above=0, high=10

@@ -48,6 +48,12 @@ def keys_of(config: Config) -> dict[str, Field[Any]]:
     return {key: entry for key, entry in schema_keys().items() if key not in foreign}
 
 
+def first_kind(key: str) -> str:
+    """What `key` says where nothing is said: the first kind of its group."""
+    (group,) = (entry for entry in fields(Config) if key == f"{entry.name}.{KIND}")
+    return str(next(iter(group.metadata["kinds"])))
+
+
 def foreign_keys(chosen: Callable[[str], Any]) -> dict[str, str]:
     """The keys that the chosen kind of a group lacks and others have; with each, the key that chooses.
 
@@ -87,7 +93,8 @@ def allowed(entry: Field[Any]) -> str:
     if entry.metadata["choices"]:
         return ", ".join(entry.metadata["choices"])
     kind = kind_of(entry)
-    text = f"a list of at least one, each {NAMES[kind.item]}" if kind.many else NAMES[kind.item]
+    many = "two numbers, the lower one first" if entry.metadata["span"] else "a list of at least one"
+    text = f"{many}, each {NAMES[kind.item]}" if kind.many else NAMES[kind.item]
     low, high, above = (entry.metadata[name] for name in ("low", "high", "above"))
     bounds = [f"> {shown_bound(above)}"] if above is not None else [f">= {shown_bound(low)}"] if low is not None else []
     bounds += [f"<= {shown_bound(high)}"] if high is not None else []
@@ -107,7 +114,8 @@ def fits(value: Any, entry: Field[Any]) -> bool:
     if value is None:
         return kind.optional
     if kind.many:
-        return isinstance(value, list) and len(value) > 0 and all(in_range(item, kind.item, entry) for item in value)
+        items = isinstance(value, list) and len(value) > 0 and all(in_range(item, kind.item, entry) for item in value)
+        return items and (not entry.metadata["span"] or (len(value) == 2 and value[0] <= value[1]))
     return in_range(value, kind.item, entry)
 
 

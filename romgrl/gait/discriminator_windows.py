@@ -68,7 +68,7 @@ class WindowLayout:
         features = info[f"{prefix}features"]
         return np.column_stack((features, info[f"{prefix}trunk_lean"])) if self.trunk else features
 
-    def judged(self, steps: Float32) -> Float32:
+    def windows(self, steps: Float32) -> Float32:
         """Windows (N, size) of recorded control steps (N, span, positions); a view where nothing is left out."""
         frames = steps[:, int(self.velocities) :: self.stride]
         if self.velocities:
@@ -99,7 +99,7 @@ class FrameWindows:
         """Append the newest step (N, positions); returns the windows (N, size), maybe a view."""
         self.frames[:, :-1] = self.frames[:, 1:]
         self.frames[:, -1] = frame
-        return self.layout.judged(self.frames)
+        return self.layout.windows(self.frames)
 
     def state(self) -> dict[str, Float32]:
         """Everything that `restore` needs."""
@@ -133,7 +133,7 @@ def reference_windows(
     if layout.trunk:
         lean = np.random.default_rng(seed).normal(0.0, trunk_std, (len(starts), 1, 1)).astype(np.float32)
         steps = np.concatenate((steps, np.broadcast_to(lean, (len(starts), span, 1))), axis=-1)
-    flat = layout.judged(steps.astype(np.float32))
+    flat = layout.windows(steps.astype(np.float32))
     if mirror:
         flat = np.stack((flat, layout.mirror().image(flat)), axis=1).reshape(2 * len(starts), -1)
     return flat

@@ -51,22 +51,6 @@ class Multipliers:
         return np.asarray(self.right.real / np.linalg.norm(self.right.real))
 
 
-def fixed_point(
-    return_map: Map, start: Array, steps: Array, *, iterations: int = 50, tolerance: float = 1e-10
-) -> Array:
-    """x* (n,) near `start` by Newton's method, x <- x - (J - 1)^-1 (P(x) - x); ValueError where it is not found."""
-    point = np.array(start, float)
-    for _ in range(iterations):
-        residual = return_map(point[None])[0] - point
-        if not np.isfinite(residual).all():
-            break
-        if np.abs(residual).max() < tolerance:
-            return point
-        jacobian = jacobians(return_map, point[None], steps)[0]
-        point = point - np.linalg.lstsq(jacobian - np.eye(len(point)), residual, rcond=None)[0]
-    raise ValueError(f"no fixed point found within {iterations} iterations")
-
-
 def jacobians(return_map: Map, points: Array, steps: Array) -> Array:
     """dP/dx at each of `points` (M, n) by central differences of size `steps` (n,): (M, n, n).
 

@@ -32,11 +32,6 @@ def mean_speed(velocity: Floats, valid: Bools | None = None) -> float:
     return _masked_mean(velocity, valid)
 
 
-def speed_error(velocity: Floats, target: float, valid: Bools | None = None) -> float:
-    """Mean of |v - target| over the valid steps, m/s."""
-    return _masked_mean(np.abs(velocity - target), valid)
-
-
 def stride_frequency(features: Floats, dt: float, valid: Bools | None = None) -> float:
     """Strides per second: forward swings of each foot relative to the body, mean over feet, median over episodes.
 

@@ -65,7 +65,7 @@ def unlike(stage: str, manifest: Manifest, config: Config) -> list[str]:
 
 def ship(outputs: Path, config: Config) -> list[Path]:
     """Write the three artifacts, without what is about one machine or store, and the card; returns what was written."""
-    from romgrl.pretrained.card import write_card  # imports Matplotlib, after `settle`
+    from romgrl.pretrained.card import write_card  # imports Matplotlib, after `adapt_environment`
 
     evaluation, manifests = find_evaluation(outputs, config)
     sources = {stage: outputs / "artifacts" / stage / manifest.key for stage, manifest in manifests.items()}

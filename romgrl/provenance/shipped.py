@@ -8,7 +8,7 @@ from typing import Any
 
 from romgrl.artifacts import Manifest, open_artifact
 from romgrl.config.schema import Config
-from romgrl.config.values import keys_of, value_of
+from romgrl.config.values import first_kind, foreign_keys, keys_of, value_of
 from romgrl.errors import ArtifactError
 
 PLACE = Path(__file__).resolve().parents[1] / "pretrained"
@@ -46,6 +46,10 @@ def matters(key: str) -> bool:
 
 def other_settings(stage: str, config: Config) -> Iterator[tuple[str, Any, Any]]:
     """Yield the settings that matter and are not those of the training: key, value and the value in the training."""
+    known, foreign = keys_of(config), foreign_keys(lambda key: value_of(config, key))
     for key, trained in shipped(stage).config.items():
-        if key in keys_of(config) and matters(key) and value_of(config, key) != trained:
+        if key in known and matters(key) and value_of(config, key) != trained:
             yield key, value_of(config, key), trained
+        elif key in foreign:  # of another kind than in the training, which the manifest may not name
+            kind = shipped(stage).config.get(foreign[key], first_kind(foreign[key]))
+            yield foreign[key], value_of(config, foreign[key]), kind

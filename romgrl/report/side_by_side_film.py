@@ -14,8 +14,7 @@ from romgrl.report.style import COLORS, WALKER_LABELS
 
 FILM = "side_by_side.mp4"
 Picture = NDArray[np.uint8]
-GROUND = 0.95  # where the feet stand in a picture of the humanoid, share of its height
-ROM_GROUND = 0.82  # and in one of the reduced-order model
+HUMANOID_GROUND = 0.95  # where the feet stand in a picture of the humanoid, share of its height
 TEXT = 0.045  # height of the names, share of the picture's
 
 
@@ -26,6 +25,7 @@ class FilmedTeacher:
     arrays: Mapping[str, NDArray[Any]]
     parameters: Any
     draw: Callable[..., Picture]
+    ground: float  # where it lies in what `draw` makes, share of the height
 
     def frames(self, size: tuple[int, int], steps: int) -> list[Picture]:
         """Pictures (height, width, 3) of the last `steps` steps of the longest episode."""
@@ -36,15 +36,15 @@ class FilmedTeacher:
         speed = self.arrays.get("velocity", np.full(len(features), self.arrays["speed"]))
         places = np.cumsum(speed[rows]) * float(self.arrays["dt"])
         return [
-            on_ground(self.draw(features[row], contact[row], float(x), self.parameters), size)
+            on_ground(self.draw(features[row], contact[row], float(x), self.parameters), size, self.ground)
             for row, x in zip(rows, places, strict=True)
         ]
 
 
-def on_ground(picture: Picture, size: tuple[int, int]) -> Picture:
+def on_ground(picture: Picture, size: tuple[int, int], ground: float) -> Picture:
     """The middle of a picture of the reduced-order model on a larger canvas, its ground where the humanoid's is."""
     height, width = size
-    top = round(GROUND * height - ROM_GROUND * picture.shape[0])
+    top = round(HUMANOID_GROUND * height - ground * picture.shape[0])
     left = (picture.shape[1] - width) // 2
     canvas = np.empty((height, width, 3), np.uint8)
     canvas[:] = picture[0, 0]

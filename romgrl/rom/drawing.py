@@ -11,6 +11,7 @@ from PIL import Image, ImageDraw
 from romgrl.rom.parameters import SpringLegParameters
 
 WIDTH, HEIGHT = 640, 360
+GROUND = 0.82  # where it lies, share of the height
 _OVERSAMPLING = 2
 _SKY, _GROUND, _MARK = (250, 250, 248), (222, 219, 210), (165, 160, 148)
 _TRUNK, _LEGS = (55, 65, 81), ((37, 99, 235), (217, 83, 25))  # left blue, right orange
@@ -35,7 +36,7 @@ def draw(features: ArrayLike, contact: ArrayLike, x: float, parameters: SpringLe
     """Image (360, 640, 3) uint8 of a world, trunk centred: features (5,) m, contact (2,) bool, x of the trunk in m."""
     values = np.asarray(features, np.float64)
     scale = 0.6 * HEIGHT * _OVERSAMPLING / (parameters.leg_length + parameters.foot_radius)
-    horizon = 0.82 * HEIGHT * _OVERSAMPLING
+    horizon = GROUND * HEIGHT * _OVERSAMPLING
     centre = 0.5 * WIDTH * _OVERSAMPLING
 
     def pixel(forward: float, up: float) -> Point:

@@ -18,13 +18,15 @@ class ReducedOrderModel:
     parameters: their dataclass, named as the keys of `rom`. worlds: makes the vector environment of `parameters`,
     num_envs, speed, control_frequency, episode_steps, reward, alpha and num_threads. faults: yields the name of each
     of the parameters that cannot be at a control frequency, Hz, and what could. draw: picture (360, 640, 3) of
-    features (5,), contact (2,), place x in m and parameters.
+    features (5,), contact (2,), place x in m and parameters, in which the ground
+    lies `ground` of the height below the top.
     """
 
     parameters: Callable[..., Any]
     worlds: Callable[..., RomVectorEnv]
     faults: Callable[[Any, float], Iterator[tuple[str, str]]]
     draw: Callable[..., Any]
+    ground: float = drawing.GROUND
 
 
 MODELS: dict[str, ReducedOrderModel] = {
@@ -32,3 +34,14 @@ MODELS: dict[str, ReducedOrderModel] = {
         parameters.SpringLegParameters, SpringLegVectorEnv, parameters.unfit_parameters, drawing.draw
     ),
 }
+
+
+def parameters_of(rom: Any, body: Any) -> Any:
+    """Parameters of the model that the group `rom` of a configuration chooses; what is null there is the body's.
+
+    body: has `mass`, kg, `leg_length` and `ankle_height`, m.
+    """
+    values = {name: value for name, value in vars(rom).items() if name not in ("name", "model")}
+    sizes = {"mass": body.mass, "leg_length": body.leg_length, "foot_radius": body.ankle_height}
+    values |= {name: size for name, size in sizes.items() if values[name] is None}
+    return MODELS[rom.model].parameters(**values)

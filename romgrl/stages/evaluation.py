@@ -2,40 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from romgrl.artifacts import save_arrays
 from romgrl.config.schema import Config
-from romgrl.errors import ConfigurationError
 from romgrl.gait.alignment import aligned_phase_lag, mse_table
 from romgrl.gait.distances import measure_distances
-from romgrl.gait.features import CHANNELS, Gait, gait_from_reference, gait_from_rollouts, until_first_fall
+from romgrl.gait.features import CHANNELS, Gait, gait_from_reference, gait_from_rollouts
 from romgrl.gait.metrics import describe
-from romgrl.humanoid.joint_power import replay
-from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 from romgrl.runtime.stage_log import StageLog
+from romgrl.stages.rollouts.humanoid import roll_out
 from romgrl.stages.wiring.artifact_arrays import WALKERS, read_reference
 from romgrl.stages.wiring.humanoid import humanoid_env
 from romgrl.stages.wiring.seeds import EVALUATION_SEED
 from romgrl.stages.wiring.walker_policy import read_walker
 
-Policy = Callable[[NDArray[np.float32]], NDArray[np.float32]]
-
 
 def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog) -> None:
     """Write rollouts.npz, mse.csv, distances.csv and gait.csv. Both walkers start from the same states."""
     evaluation = config.evaluation
-    if evaluation.steps < evaluation.window:
-        raise ConfigurationError(
-            f"evaluation.window {evaluation.window} is longer than evaluation.steps {evaluation.steps}"
-        )
     reference = read_reference(inputs["reference"], config, steps=evaluation.window)
     env = humanoid_env(config, num_envs=evaluation.episodes, episode_steps=evaluation.steps + 1)
     policies = {name: read_walker(inputs[name], env) for name in WALKERS}
@@ -64,45 +55,6 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
     distances.to_csv(output / "distances.csv", index=False)
     table.to_csv(output / "gait.csv", index=False)
     log_summary(errors, table, log)
-
-
-def roll_out(
-    env: PlanarHumanoidVectorEnv, policy: Policy, *, steps: int, seed: int, progress: Callable[[int], None]
-) -> dict[str, NDArray[Any]]:
-    """One episode of `steps` steps in each of the E environments; a walker is not upright from its first fall on.
-
-    features (E, T, 5) m, velocity (E, T) m/s, upright (E, T), trunk_lean (E, T) rad, power (E, T) W, contact (E, T, 2),
-    states (T', 48): qpos and qvel of one episode up to its fall, of the first without a fall where there is one.
-    """
-    size = (env.num_envs, steps)
-    features, velocity = np.zeros((*size, 5), np.float32), np.zeros(size, np.float32)
-    upright, trunk_lean = np.zeros(size, np.bool_), np.zeros(size, np.float32)
-    states, actions = np.zeros((*size, env.states().shape[1])), np.zeros((*size, env.model.nu))
-    observation, _ = env.reset(seed=seed)
-    for step in range(steps):
-        states[:, step] = env.states()
-        actions[:, step] = policy(observation)
-        observation, _, terminated, _, info = env.step(actions[:, step].astype(np.float32))
-        features[:, step], velocity[:, step] = info["features"], info["forward_velocity"]
-        upright[:, step], trunk_lean[:, step] = ~terminated, info["trunk_lean"]
-        progress(step + 1)
-    upright = until_first_fall(upright)
-    power, contact = np.zeros(size), np.zeros((*size, 2), np.bool_)
-    for episode, lasted in enumerate(upright.sum(axis=1)):
-        steps_taken = slice(0, int(lasted))
-        power[episode, steps_taken], contact[episode, steps_taken] = replay(
-            env.model, states[episode, steps_taken], actions[episode, steps_taken], env.substeps
-        )
-    longest = int(upright.sum(axis=1).argmax())  # the first of the longest
-    return {
-        "features": features,
-        "velocity": velocity,
-        "upright": upright,
-        "trunk_lean": trunk_lean,
-        "power": power,
-        "contact": contact,
-        "states": states[longest, : max(1, int(upright[longest].sum()))],
-    }
 
 
 def describe_walkers(

@@ -14,7 +14,7 @@ from romgrl.errors import ArtifactError
 from romgrl.gait.features import CHANNELS, Gait
 from romgrl.gait.reference_check import check_reference
 from romgrl.runtime.stage_log import StageLog
-from romgrl.stages.teacher import record
+from romgrl.stages.rollouts.rom import record
 from romgrl.stages.wiring.rom import rom_env
 from romgrl.stages.wiring.seeds import REFERENCE_SEED
 from romgrl.stages.wiring.teacher_policy import read_teacher

@@ -56,8 +56,9 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
         pictures["filmstrip"] = draw_filmstrip(model, camera, states, rates, dt)
         films = []
         if camera is not None and config.evaluation.video:
+            rom = MODELS[config.rom.model]
             teacher = side_by_side_film.FilmedTeacher(
-                read_reference(inputs["reference"], config), rom_parameters(config), MODELS[config.rom.model].draw
+                read_reference(inputs["reference"], config), rom_parameters(config), rom.draw, rom.ground
             )
             films = films_or_none(camera, states, teacher, dt, output, log)
     finally:

@@ -95,8 +95,8 @@ def start_from_reference(config: Config, env: PlanarHumanoidVectorEnv, reference
 
 def window_layout(config: Config) -> WindowLayout:
     """What the discriminator sees."""
-    judge = config.discriminator
-    return WindowLayout(judge.features, judge.window, judge.stride, 1 / config.humanoid.control_frequency)
+    seen, dt = config.discriminator, 1 / config.humanoid.control_frequency
+    return WindowLayout(seen.features, seen.window, seen.stride, dt)
 
 
 def train_student(
@@ -138,21 +138,21 @@ def train_student(
                     learner.scale_learning_rates(min(1.0, 2 * (1 - step / student.total_steps)))
                 loop.metrics |= learner.update(int(loop.due)) if loop.due >= 1 else {}
                 loop.due -= int(loop.due)
-            judged = learner.start_discriminator()
+            updated = learner.start_discriminator()
             observation, reward, terminated, truncated, info = stepped()
             check_physics(info["diverged"])
             require_finite(observation=observation, reward=reward)
             following = torch.from_numpy(observation).to(device)
-            frames = torch.from_numpy(windows.push(frame(info)))
+            seen = torch.from_numpy(windows.push(frame(info)))
             earned, fell, cut = (torch.from_numpy(values) for values in (reward, terminated, truncated))
-            imitation = learner.collected_reward(frames, judged)
-            learner.buffer.add(loop.observation, action, following, earned, fell, cut, frames, imitation)
+            imitation = learner.collected_reward(seen, updated)
+            learner.buffer.add(loop.observation, action, following, earned, fell, cut, seen, imitation)
             learner.normalizer.update(following)
             finished = terminated | truncated
             windows.restart(frame(info, "reset_"), finished)
             tally.add(info, terminated, finished)
             loop.observation = following
-            loop.metrics |= judged()
+            loop.metrics |= updated()
             done = step + env.num_envs
             if done % LOG_INTERVAL < env.num_envs or done >= student.total_steps:
                 tell(log, loop, tally, learner, health, done, student.total_steps)

@@ -20,10 +20,11 @@ from romgrl.algorithms.second_thread import second_lane
 from romgrl.artifacts.checkpoint import State
 from romgrl.config.schema import Config
 from romgrl.gait import human_bands
-from romgrl.gait.features import Gait, until_first_fall
+from romgrl.gait.features import Gait
 from romgrl.gait.metrics import describe
 from romgrl.rom.interface import RomVectorEnv
 from romgrl.runtime.stage_log import StageLog
+from romgrl.stages.rollouts.rom import record
 from romgrl.stages.training.checkpoints import TrainingCheckpoints
 from romgrl.stages.training.teacher_statistics import TeacherTally
 from romgrl.stages.wiring.rom import rom_env
@@ -129,21 +130,6 @@ def check_gait(config: Config, policy: PPOPolicy) -> Gait:
     """CHECK_EPISODES x CHECK_STEPS of the finished policy, from resets that the training did not see."""
     env = rom_env(config, num_envs=CHECK_EPISODES, episode_steps=CHECK_STEPS + 1)
     return record(env, policy, steps=CHECK_STEPS, seed=config.seed + TEACHER_GAIT_SEED)
-
-
-def record(env: RomVectorEnv, policy: PPOPolicy, *, steps: int, seed: int) -> Gait:
-    """One episode of `steps` steps in each environment; what follows a fall is marked invalid."""
-    features = np.zeros((env.num_envs, steps, 5), np.float32)
-    velocity = np.zeros((env.num_envs, steps), np.float32)
-    contact = np.zeros((env.num_envs, steps, 2), bool)
-    upright = np.ones((env.num_envs, steps), bool)
-    observation, _ = env.reset(seed=seed)
-    for step in range(steps):
-        observation, _, terminated, _, info = env.step(policy(observation))
-        features[:, step], velocity[:, step] = info["features"], info["forward_velocity"]
-        contact[:, step], upright[:, step] = info["contact"], ~terminated
-    valid = until_first_fall(upright)
-    return Gait(features, valid, ~valid[:, -1], env.dt, velocity=velocity, contact=contact)
 
 
 def write_row(path: Path, row: Mapping[str, float | str]) -> None:

@@ -75,20 +75,20 @@ def test_penalties_are_those_of_gradients_taken_one_by_one() -> None:
 
 @pytest.mark.parametrize(("where", "expected"), [("reference", 1.0), ("both", (1 + 9) / 2)])
 def test_where_the_penalty_is_taken(where: str, expected: float) -> None:
-    """A judge of x^2 / 2 has slope x: 1 on a reference at 1, 3 on a student at 3."""
-    judge = gaussian_judge(penalty_on=where)
-    judge.network = HalfSquare()
-    penalty = judge._penalty(torch.full((8, 1), 1.0), torch.full((8, 1), 3.0))
+    """A discriminator of x^2 / 2 has slope x: 1 on a reference at 1, 3 on a student at 3."""
+    discriminator = gaussian_discriminator(penalty_on=where)
+    discriminator.network = HalfSquare()
+    penalty = discriminator._penalty(torch.full((8, 1), 1.0), torch.full((8, 1), 3.0))
     assert float(penalty.detach()) == pytest.approx(expected)
 
 
 def test_slopes_are_by_standard_deviations_where_features_are_standardised() -> None:
-    """The teacher's deviation is 1 and its mean 0.5 whatever the unit; one judge is fed hundredths of it."""
+    """The teacher's deviation is 1 and its mean 0.5 whatever the unit; one discriminator is fed hundredths of it."""
     penalties = []
     for unit in (1.0, 0.01):
         reference = unit * (torch.randn((40_000, 1), generator=torch.Generator().manual_seed(0)) + 0.5)
-        judge = gaussian_judge(reference=reference, standardize=True, penalty_on="both")
-        penalties.append(float(judge._penalty(torch.full((8, 1), unit), torch.full((8, 1), 3 * unit)).detach()))
+        discriminator = gaussian_discriminator(reference=reference, standardize=True, penalty_on="both")
+        penalties.append(float(discriminator._penalty(torch.full((8, 1), unit), torch.full((8, 1), 3 * unit)).detach()))
     assert penalties[0] > 0
     assert penalties[1] == pytest.approx(penalties[0], rel=1e-4)
 
@@ -100,8 +100,8 @@ class HalfSquare(torch.nn.Module):
         return 0.5 * inputs.square()
 
 
-def gaussian_judge(**changes: object) -> Discriminator:
-    """A judge whose teacher is N(+0.5, 1)."""
+def gaussian_discriminator(**changes: object) -> Discriminator:
+    """A discriminator whose teacher is N(+0.5, 1)."""
     generator = torch.Generator().manual_seed(0)
     settings: dict[str, object] = {
         "reference": torch.randn((40_000, 1), generator=generator) + 0.5,
@@ -120,13 +120,13 @@ def gaussian_judge(**changes: object) -> Discriminator:
     return Discriminator(**(settings | changes))  # type: ignore[arg-type]
 
 
-def train(judge: Discriminator, updates: int = 250, batch: int = 1024) -> None:
+def train(discriminator: Discriminator, updates: int = 250, batch: int = 1024) -> None:
     """Against a student that is N(-0.5, 1), with a rate that falls to zero."""
     generator = torch.Generator().manual_seed(1)
-    rate = judge.optimizer.param_groups[0]["lr"]
+    rate = discriminator.optimizer.param_groups[0]["lr"]
     for update in range(updates):
-        judge.optimizer.param_groups[0]["lr"] = rate * (1 - update / updates)
-        judge.update(torch.randn((batch, 1), generator=generator) - 0.5)
+        discriminator.optimizer.param_groups[0]["lr"] = rate * (1 - update / updates)
+        discriminator.update(torch.randn((batch, 1), generator=generator) - 0.5)
 
 
 POINTS = torch.linspace(-1.5, 1.5, 13)[:, None]
@@ -141,13 +141,13 @@ PROBABILITY = torch.sigmoid(POINTS[:, 0])  # p / (p + q), because log(p / q) = x
         ("least_squares", 0.0, 2 * PROBABILITY - 1),
     ],
 )
-def test_the_best_judge_of_two_gaussians(loss: str, smoothing: float, optimum: Tensor) -> None:
+def test_the_best_discriminator_of_two_gaussians(loss: str, smoothing: float, optimum: Tensor) -> None:
     """D = ((1 - s) p + s q) / (p + q); least squares (p - q) / (p + q) (Goodfellow 2014, Mao 2017)."""
-    judge = gaussian_judge(loss=loss, label_smoothing=smoothing)
-    train(judge)
-    judge.network.eval()
+    discriminator = gaussian_discriminator(loss=loss, label_smoothing=smoothing)
+    train(discriminator)
+    discriminator.network.eval()
     with torch.no_grad():
-        assert float((judge.logits(POINTS) - optimum).abs().max()) < 0.12
+        assert float((discriminator.logits(POINTS) - optimum).abs().max()) < 0.12
 
 
 @pytest.mark.parametrize("weight", [1.0, 10.0])
@@ -171,22 +171,22 @@ def test_a_critic_of_two_gaussians_measures_their_distance(weight: float) -> Non
 
 def test_the_critic_pays_for_nearness_to_the_teacher() -> None:
     """Slope near one everywhere: a window d below the teacher's mean gets about exp(-d), whatever the offset."""
-    judge = gaussian_judge(loss="wasserstein", penalty_weight=10.0)
-    train(judge)
-    held_out = judge.logits(judge.validation).mean()
-    assert float(judge.level) == pytest.approx(float(held_out), rel=1e-5)
-    far, near = judge.reward(torch.tensor([[-1.5], [-0.5]]))
+    discriminator = gaussian_discriminator(loss="wasserstein", penalty_weight=10.0)
+    train(discriminator)
+    held_out = discriminator.logits(discriminator.validation).mean()
+    assert float(discriminator.level) == pytest.approx(float(held_out), rel=1e-5)
+    far, near = discriminator.reward(torch.tensor([[-1.5], [-0.5]]))
     assert float(torch.log(near / far)) == pytest.approx(1.0, abs=0.2)
-    assert float(judge.reward(judge.real).max()) == 1.0
-    assert judge.update(torch.randn(2048, 1) - 0.5)["discriminator_accuracy_teacher"] > 0.6
+    assert float(discriminator.reward(discriminator.real).max()) == 1.0
+    assert discriminator.update(torch.randn(2048, 1) - 0.5)["discriminator_accuracy_teacher"] > 0.6
 
 
 @pytest.mark.parametrize("loss", LOSSES)
 @pytest.mark.parametrize("where", ["interpolates", "reference", "both"])
-def test_a_judge_goes_on_where_it_was(loss: str, where: str) -> None:
+def test_a_discriminator_goes_on_where_it_was(loss: str, where: str) -> None:
     """Bit by bit, whatever it minimises."""
     choice = {"loss": loss, "penalty_on": where, "penalty_weight": 1.0, "noise": 0.05, "dropout": 0.2}
-    whole, fakes = gaussian_judge(**choice), torch.randn((20, 64, 1))
+    whole, fakes = gaussian_discriminator(**choice), torch.randn((20, 64, 1))
     for fake in fakes[:10]:
         whole.update(fake)
     state = {name: value.clone() if isinstance(value, Tensor) else value for name, value in whole.state().items()}
@@ -197,7 +197,7 @@ def test_a_judge_goes_on_where_it_was(loss: str, where: str) -> None:
     for fake in fakes[10:]:
         whole.update(fake)
     expected = whole.reward(POINTS)
-    resumed = gaussian_judge(**choice)
+    resumed = gaussian_discriminator(**choice)
     resumed.restore(state)
     for fake in fakes[10:]:
         resumed.update(fake)

@@ -41,7 +41,7 @@ def test_loss_of_an_undecided_judge_is_two_log_two() -> None:
 
 
 def test_gradient_penalty_of_linear_and_quadratic_judges() -> None:
-    """A linear judge has gradient w everywhere; x^2 / 2 has gradient x, here at x = (0.25 * 4, 0.25 * 8)."""
+    """A linear discriminator has gradient w everywhere; x^2 / 2 has gradient x, here at x = (0.25 * 4, 0.25 * 8)."""
     weight = torch.tensor([3.0, 4.0])
     real, fake, mix = torch.zeros(2, 2), torch.tensor([[4.0, 8.0]] * 2), torch.full((2, 1), 0.75)
     assert float(interpolate_penalty(lambda x: x @ weight, real, fake, mix)) == pytest.approx(16.0)
@@ -57,40 +57,40 @@ def test_imitation_reward_is_minus_log_one_minus_d() -> None:
 
 
 def test_it_learns_to_tell_and_rewards_what_looks_real() -> None:
-    judge = make(dropout=0.0)
+    discriminator = make(dropout=0.0)
     generator = torch.Generator().manual_seed(1)
     for _ in range(300):
-        metrics = judge.update(torch.randn((64, 5), generator=generator) * 0.1)
+        metrics = discriminator.update(torch.randn((64, 5), generator=generator) * 0.1)
     assert metrics["discriminator_accuracy_teacher"] > 0.95
     assert metrics["discriminator_accuracy_student"] > 0.95
     assert float(metrics["discriminator_gradient_norm"]) > 0
-    real, fake = judge.reward(judge.real), judge.reward(torch.zeros(10, 5))
+    real, fake = discriminator.reward(discriminator.real), discriminator.reward(torch.zeros(10, 5))
     assert real.mean() > math.log(2) > fake.mean()
 
 
 def test_held_out_windows_are_the_last_tenth() -> None:
-    judge = make()
-    assert len(judge.real) == 360
-    assert len(judge.validation) == 40
+    discriminator = make()
+    assert len(discriminator.real) == 360
+    assert len(discriminator.validation) == 40
 
 
 def test_it_stops_after_patience_updates_without_improvement() -> None:
-    judge = make(learning_rate=1e-30, patience=10, noise=0.0)
+    discriminator = make(learning_rate=1e-30, patience=10, noise=0.0)
     fake = torch.zeros(32, 5)
     updates = 0
-    while not judge.stopped and updates < 500:
-        judge.update(fake)
+    while not discriminator.stopped and updates < 500:
+        discriminator.update(fake)
         updates += 1
-    assert judge.stopped
+    assert discriminator.stopped
     assert updates >= 11
-    assert int(judge.stale_updates) == 10
+    assert int(discriminator.stale_updates) == 10
 
 
 def test_reward_has_no_dropout() -> None:
-    judge = make(dropout=0.5)
+    discriminator = make(dropout=0.5)
     frames = torch.ones(8, 5)
-    judge.update(frames)
-    assert torch.equal(judge.reward(frames), judge.reward(frames))
+    discriminator.update(frames)
+    assert torch.equal(discriminator.reward(frames), discriminator.reward(frames))
 
 
 def test_too_little_reference_is_refused() -> None:

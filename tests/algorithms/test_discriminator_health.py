@@ -13,7 +13,7 @@ from romgrl.pipeline.job import health_tags
 from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import student
 from romgrl.stages.training.discriminator_watch import HealthWatch, health_setting
-from tests.algorithms.test_adversarial_losses import gaussian_judge
+from tests.algorithms.test_adversarial_losses import gaussian_discriminator
 from tests.conftest import Composer
 from tests.faults.trainings import STUDENT, write_reference
 
@@ -103,7 +103,7 @@ def test_healthy_curves(changes: dict[str, float | tuple[float, float]]) -> None
 
 
 def test_a_matched_student_is_no_collapse() -> None:
-    """At the aim the best judge is undecided, too: the features tell."""
+    """At the aim the best discriminator is undecided, too: the features tell."""
     rows = [row | {"discriminator_feature_gap": 0.1} for row in SICK["collapsed"]]
     assert diagnose(rows, SETTING) == []
 
@@ -126,9 +126,9 @@ def test_trend_is_spearmans() -> None:
 
 def test_measures_by_hand() -> None:
     """Logit 2 x on a teacher N(0.5, 1) and a student N(-0.5, 2)."""
-    judge = gaussian_judge()
-    judge.logits = lambda frames: 2 * frames[:, 0]  # type: ignore[method-assign]
-    values = judge.measures(2 * torch.randn((40_000, 1), generator=torch.Generator().manual_seed(3)) - 0.5)
+    discriminator = gaussian_discriminator()
+    discriminator.logits = lambda frames: 2 * frames[:, 0]  # type: ignore[method-assign]
+    values = discriminator.measures(2 * torch.randn((40_000, 1), generator=torch.Generator().manual_seed(3)) - 0.5)
     assert values["discriminator_logit_teacher"] == pytest.approx(1.0, abs=0.05)
     assert values["discriminator_logit_student"] == pytest.approx(-1.0, abs=0.07)
     assert values["discriminator_logit_spread"] == pytest.approx(math.sqrt((4 + 16) / 2 + 1), rel=0.05)

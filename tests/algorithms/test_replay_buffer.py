@@ -25,7 +25,7 @@ def fill(buffer: ReplayBuffer, steps: int, truncated_every: int = 0) -> None:
 
 def make(capacity: int, **mirrors: object) -> ReplayBuffer:
     return ReplayBuffer(
-        capacity=capacity, num_envs=4, observation_size=2, action_size=1, frame_size=2, seed=0, **mirrors
+        capacity=capacity, num_envs=4, observation_size=2, action_size=1, window_size=2, seed=0, **mirrors
     )  # type: ignore[arg-type]
 
 
@@ -39,7 +39,7 @@ def test_transitions_belong_together(steps: int) -> None:
     torch.testing.assert_close(batch.next_observation, torch.stack((env, time + 1), -1))
     torch.testing.assert_close(batch.action[:, 0], env * 100 + time)
     torch.testing.assert_close(batch.task_reward, env + time)
-    torch.testing.assert_close(batch.frames, batch.observation)
+    torch.testing.assert_close(batch.windows, batch.observation)
     assert set(env.tolist()) == {0.0, 1.0, 2.0, 3.0}
     assert len(set(time.tolist())) == len(buffer) // 4
 
@@ -53,7 +53,7 @@ def test_truncated_transitions_are_never_drawn() -> None:
 def test_recent_frames() -> None:
     buffer = make(400)
     fill(buffer, 90)
-    frames = buffer.sample_frames(1000, recent=40)
+    frames = buffer.sample_windows(1000, recent=40)
     assert frames[:, 1].min() == 80
     assert frames[:, 1].max() == 89
 
@@ -186,7 +186,7 @@ def test_a_ring_that_was_put_back_draws_the_same() -> None:
 
 def small(rows: int, num_envs: int) -> ReplayBuffer:
     return ReplayBuffer(
-        capacity=rows * num_envs, num_envs=num_envs, observation_size=2, action_size=1, frame_size=2, seed=0
+        capacity=rows * num_envs, num_envs=num_envs, observation_size=2, action_size=1, window_size=2, seed=0
     )
 
 

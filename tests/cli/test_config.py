@@ -134,7 +134,7 @@ REFUSED = {
     "speed=1,4": "speed=1,4: is a sweep over several values; put -m before the keys",
     "speed": "speed: cannot be read; write key=value",
     "seed='x": "seed='x: cannot be read; write key=value",
-    "rom.reset_speed=[2,1]": "rom.reset_speed: [2.0, 1.0] is not allowed; allowed: two numbers, the lower one first",
+    "rom.reset_speed=[2,1]": "rom.reset_speed: [2, 1] is not allowed; allowed: two numbers, the lower one first",
     "student.hidden_sizes=[0]": "student.hidden_sizes: [0] is not allowed; allowed: a list of at least",
     "student.batch_size=9999999": "student.batch_size: 9999999 is not allowed; allowed: at most student.buffer_size",
     "evaluation.window=400": "evaluation.window: 400 is not allowed; allowed: at most evaluation.steps = ",
@@ -155,9 +155,9 @@ def test_a_humanoid_that_may_not_be_read_is_said_to_be_so(tmp_path: Path, monkey
     path = tmp_path / "robot.xml"
     path.write_text(human_spec(height=1.7, mass=70).to_xml(), encoding="utf-8")
     monkeypatch.setattr(os, "access", lambda place, mode, access=os.access: place != str(path) and access(place, mode))
-    assert faults([f"humanoid.xml={path}"]) == [
-        f"humanoid.xml: {path} is not allowed; allowed: a file that can be read"
-    ]
+    (line,) = faults([f"humanoid.xml={path}"])
+    assert line.startswith("humanoid.xml: /")
+    assert line.endswith(" is not allowed; allowed: a file that can be read")
 
 
 @pytest.mark.parametrize("found", [False, True])

@@ -24,7 +24,7 @@ def test_what_a_window_holds(features: str, window: int, stride: int) -> None:
     """Frame by frame: the positions of the step, the inclination, and the step's difference from the one before."""
     layout = WindowLayout(features, window, stride, DT)
     steps = recorded(layout, 3)
-    frames = layout.judged(steps).reshape(3, window, COLUMNS[features])
+    frames = layout.windows(steps).reshape(3, window, COLUMNS[features])
     newest = layout.span - 1
     for i in range(window):
         step = newest - (window - 1 - i) * stride
@@ -57,9 +57,9 @@ def test_mirror_of_a_window_is_the_window_of_the_mirror(features: str, window: i
     layout = WindowLayout(features, window, stride, DT)
     steps, mirror = recorded(layout, 5), layout.mirror()
     swapped = np.concatenate((MIRROR.image(steps[..., :5]), steps[..., 5:]), axis=-1)
-    judged = layout.judged(steps)
-    np.testing.assert_array_equal(mirror.image(judged), layout.judged(swapped))
-    np.testing.assert_array_equal(mirror.image(mirror.image(judged)), judged)
+    seen = layout.windows(steps)
+    np.testing.assert_array_equal(mirror.image(seen), layout.windows(swapped))
+    np.testing.assert_array_equal(mirror.image(mirror.image(seen)), seen)
 
 
 @pytest.mark.parametrize("features", FEATURES)

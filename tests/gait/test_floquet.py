@@ -8,9 +8,25 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from romgrl.gait.floquet import Array, decay, fixed_point, jacobians, multipliers
+from romgrl.gait.floquet import Array, Map, decay, jacobians, multipliers
 
 Flow = Callable[[Array], Array]  # states (B, 2) to their rates
+
+
+def fixed_point(
+    return_map: Map, start: Array, steps: Array, *, iterations: int = 50, tolerance: float = 1e-10
+) -> Array:
+    """x* (n,) near `start` by Newton's method, x <- x - (J - 1)^-1 (P(x) - x); ValueError where it is not found."""
+    point = np.array(start, float)
+    for _ in range(iterations):
+        residual = return_map(point[None])[0] - point
+        if not np.isfinite(residual).all():
+            break
+        if np.abs(residual).max() < tolerance:
+            return point
+        jacobian = jacobians(return_map, point[None], steps)[0]
+        point = point - np.linalg.lstsq(jacobian - np.eye(len(point)), residual, rcond=None)[0]
+    raise ValueError(f"no fixed point found within {iterations} iterations")
 
 
 def section(flow: Flow, step: float = 2e-2) -> Callable[[Array], Array]:

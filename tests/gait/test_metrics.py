@@ -77,7 +77,6 @@ def test_speed_lean_and_cost_skip_what_follows_a_fall() -> None:
     valid[0, 50:] = False
     assert metrics.falls(valid) == 1
     assert metrics.mean_speed(velocity, valid) == 4.0
-    assert metrics.speed_error(velocity, 3.5, valid) == 0.5
     assert metrics.trunk_lean_degrees(np.where(valid, np.pi / 18, 9.0), valid) == pytest.approx(10.0)
     # 700 W at 4 m/s and 70 kg: 700 / (70 x 9.81 x 4)
     cost = metrics.cost_of_transport(np.where(valid, 700.0, 1e6), velocity, 70.0, valid)

@@ -15,7 +15,7 @@ from romgrl.config.schema import Config
 from romgrl.humanoid import rendering
 from romgrl.humanoid.model import build
 from romgrl.report import film, readme_preview, side_by_side_film
-from romgrl.rom.drawing import draw
+from romgrl.rom.drawing import GROUND, draw
 from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import report
 from romgrl.stages.wiring.rom import rom_parameters
@@ -29,6 +29,7 @@ def test_the_teacher_stands_where_the_humanoid_does(smoke_config: Config) -> Non
         {"features": features, "episode": episode, "dt": np.array(DT), "speed": np.array(4.0)},
         rom_parameters(smoke_config),
         draw,
+        GROUND,
     )
     frames = teacher.frames((480, 336), steps=20)
     assert len(frames) == 20

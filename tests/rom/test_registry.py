@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from romgrl.artifacts import load_arrays
-from romgrl.cli.compose import compose_config
+from romgrl.cli.compose import branches, compose_config, register_schema
 from romgrl.cli.consistency import misfits
 from romgrl.config import values, worlds
 from romgrl.errors import ConfigurationError
@@ -24,16 +24,23 @@ MODELS = registry.MODELS | {"pedal": PEDAL}
 
 
 @pytest.fixture
-def pedal(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[str, ...]]:
+def pedal(tmp_path: Path) -> Iterator[tuple[str, ...]]:
     """The other model in both registries, and a preset of it; yields the overrides that choose it."""
-    monkeypatch.setitem(registry.MODELS, "pedal", PEDAL)
-    monkeypatch.setitem(worlds.ROMS, "pedal", Pedal)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(registry.MODELS, "pedal", PEDAL)
+        patch.setitem(worlds.ROMS, "pedal", Pedal)
+        forget_schema()
+        (tmp_path / "rom").mkdir()
+        preset = "model: pedal\nmass: null\nleg_length: null\nfoot_radius: null\ncrank: 0.3\ndrive: 20.0\n"
+        (tmp_path / "rom" / "pedal.yaml").write_text(preset, encoding="utf-8")
+        yield f"hydra.searchpath=[file://{tmp_path}]", "rom=pedal"
+    forget_schema()
+    register_schema()
+
+
+def forget_schema() -> None:
     values.schema_keys.cache_clear()
-    (tmp_path / "rom").mkdir()
-    preset = "model: pedal\nmass: null\nleg_length: null\nfoot_radius: null\ncrank: 0.3\ndrive: 20.0\n"
-    (tmp_path / "rom" / "pedal.yaml").write_text(preset, encoding="utf-8")
-    yield f"hydra.searchpath=[file://{tmp_path}]", "rom=pedal"
-    values.schema_keys.cache_clear()
+    branches.cache_clear()
 
 
 def worlds_of(name: str, num_envs: int = 4, episode_steps: int = 30) -> RomVectorEnv:

@@ -75,7 +75,7 @@ def test_teacher(meta_config: Config, tmp_path: Path, monkeypatch: pytest.Monkey
         raise KeyboardInterrupt
 
     monkeypatch.setattr(teacher, "train_teacher", train)
-    monkeypatch.setattr(teacher, "save_policy", lambda path, ppo: None)
+    monkeypatch.setattr(teacher, "save_ppo_policy", lambda path, ppo, names: None)
     with pytest.raises(KeyboardInterrupt):
         teacher.run(meta_config, {}, tmp_path, SilentLog())
     found = dict(tensors(made[0]))

@@ -204,9 +204,9 @@ def test_a_stored_reward_is_what_the_discriminator_said_when_the_step_was_taken(
     add, build = ReplayBuffer.add, student.build_student_learner
 
     def adding(buffer: ReplayBuffer, *step: Any) -> None:
-        judge = learners[0].discriminator
-        assert judge is not None
-        said.append(judge.reward(step[6]))
+        discriminator = learners[0].discriminator
+        assert discriminator is not None
+        said.append(discriminator.reward(step[6]))
         add(buffer, *step)
 
     monkeypatch.setattr(student, "build_student_learner", lambda *a: learners.append(build(*a)) or learners[-1])
@@ -216,7 +216,7 @@ def test_a_stored_reward_is_what_the_discriminator_said_when_the_step_was_taken(
     found = weights(config, {"reference": reference}, tmp_path / "student")
     buffer = learners[0].buffer
     assert torch.equal(buffer.imitation_reward[: buffer.added], torch.stack(said))
-    assert len({float(rewards[0]) for rewards in said}) > 80  # the judge learned between them
+    assert len({float(rewards[0]) for rewards in said}) > 80  # the discriminator learned between them
     drawn = buffer.sample(64)
     reward, metrics = learners[0]._reward(drawn)
     torch.testing.assert_close(reward, 0.5 * drawn.task_reward + 0.5 * drawn.imitation_reward)

@@ -54,16 +54,10 @@ def elu_gradient(gradient: Tensor, output: Tensor) -> None:
     ATEN.elu_backward.grad_input(gradient, 1, 1, 1, True, output, grad_input=gradient)
 
 
-def leaky_relu_gradient(gradient: Tensor, output: Tensor) -> None:
-    """f' = 1 where f > 0, 0.01 elsewhere."""
-    ATEN.leaky_relu_backward.grad_input(gradient, output, 0.01, True, grad_input=gradient)
-
-
 ACTIVATIONS = {
     "tanh": Activation(fast_tanh, tanh_gradient),
     "relu": Activation(torch.relu_, relu_gradient),
     "elu": Activation(F.elu_, elu_gradient),
-    "leaky_relu": Activation(F.leaky_relu_, leaky_relu_gradient),
 }
 EXACT_TANH = Activation(torch.tanh_, tanh_gradient)
 
@@ -84,7 +78,8 @@ class StackedMLP:
 
     Inputs (B, I) are shared by all; outputs are (stack, B, O). `activation` is a key of ACTIVATIONS, with `exact` to
     the last bit as torch has it. `linear`: one perceptron whose layers are torch.nn.Linear to the last bit; its weights
-    lie as (O, I) in the vector, not as (stack, I, O). Raises ValueError for an unknown activation.
+    lie as (O, I) in the vector, not as (stack, I, O). Raises ValueError for an unknown activation, and for
+    `linear` with a stack.
     """
 
     def __init__(

@@ -20,21 +20,21 @@ TOO_SHORT = "too short to tell"
 
 def health_setting(config: Config) -> TrainingSetting:
     """What the numbers of a training are measured against."""
-    judge, zero = config.discriminator, torch.zeros(1)
-    adversarial = LOSSES[judge.loss]
+    discriminator, zero = config.discriminator, torch.zeros(1)
+    adversarial = LOSSES[discriminator.loss]
     return TrainingSetting(
         speed=config.speed,
         eta=config.eta,
-        reward_limit=judge.reward_limit,
-        undecided_reward=float(adversarial.paid(zero, zero, judge.reward_limit)),
-        undecided_loss=adversarial.undecided_loss(judge.label_smoothing),
+        reward_limit=discriminator.reward_limit,
+        undecided_reward=float(adversarial.paid(zero, zero, discriminator.reward_limit)),
+        undecided_loss=adversarial.undecided_loss(discriminator.label_smoothing),
     )
 
 
 class HealthWatch:
     """Rows of the learning curve since the discriminator began to learn, and what was wrong at each.
 
-    health.json: `verdict`, the names that hold at the end, "healthy" or UNKNOWN; `now`, with evidence and advice;
+    health.json: `verdict`, the names that hold at the end, "healthy" or TOO_SHORT; `now`, with evidence and advice;
     `history`, from which step to which each has held.
     """
 

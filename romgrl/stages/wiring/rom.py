@@ -7,7 +7,7 @@ from typing import Any
 from romgrl.config.schema import Config
 from romgrl.humanoid import model
 from romgrl.rom.interface import RomVectorEnv
-from romgrl.rom.registry import MODELS
+from romgrl.rom.registry import MODELS, parameters_of
 
 
 def rom_env(config: Config, *, num_envs: int, episode_steps: int) -> RomVectorEnv:
@@ -26,8 +26,4 @@ def rom_env(config: Config, *, num_envs: int, episode_steps: int) -> RomVectorEn
 
 def rom_parameters(config: Config) -> Any:
     """Parameters of the reduced-order model; those that are null come from the humanoid."""
-    sizes = model.dimensions(model.configured(config.humanoid))
-    values = {name: value for name, value in vars(config.rom).items() if name not in ("name", "model")}
-    defaults = {"mass": sizes.mass, "leg_length": sizes.leg_length, "foot_radius": sizes.ankle_height}
-    values |= {name: value for name, value in defaults.items() if values[name] is None}
-    return MODELS[config.rom.model].parameters(**values)
+    return parameters_of(config.rom, model.dimensions(model.configured(config.humanoid)))

@@ -26,18 +26,18 @@ def build_student_learner(
     lane: Executor | None = None,
 ) -> RomGrl:
     """Wire agent, discriminator and replay buffer from the configuration; `lane` is a second thread for the agent."""
-    student, judge = config.student, config.discriminator
+    student, discriminator = config.student, config.discriminator
     buffer = ReplayBuffer(
         capacity=student.buffer_size,
         num_envs=env.num_envs,
         observation_size=len(env.columns),
         action_size=env.model.nu,
-        frame_size=layout.size,
+        window_size=layout.size,
         seed=config.seed,
         device=config.device,
         mirror_observation=env.mirror_observation if student.mirror else None,
         mirror_action=env.mirror_action if student.mirror else None,
-        mirror_frames=layout.mirror() if student.mirror else None,
+        mirror_windows=layout.mirror() if student.mirror else None,
     )
     sac = SAC(
         observation_size=len(env.columns),
@@ -66,41 +66,41 @@ def build_student_learner(
         normalizer=RunningNormalizer(len(env.columns), enabled=student.normalize_observation, device=config.device),
         eta=config.eta,
         batch_size=student.batch_size,
-        discriminator_interval=judge.update_interval,
-        discriminator_batch=judge.batch_size,
-        discriminator_recent=judge.recent_steps,
-        stored_reward=judge.reward == "stored",
+        discriminator_interval=discriminator.update_interval,
+        discriminator_batch=discriminator.batch_size,
+        discriminator_recent=discriminator.recent_steps,
+        stored_reward=discriminator.reward == "stored",
     )
 
 
 def build_discriminator(config: Config, layout: WindowLayout, reference: Path | None) -> Discriminator | None:
-    """The judge, with the windows of the reference; None for the baseline."""
-    judge = config.discriminator
-    if not judge.enabled or reference is None:
+    """The discriminator, with the windows of the reference; None for the baseline."""
+    discriminator = config.discriminator
+    if not discriminator.enabled or reference is None:
         return None
     arrays = read_reference(reference, config, steps=layout.span)
     real = reference_windows(
         arrays["features"],
         arrays["episode"],
         layout=layout,
-        trunk_std=judge.trunk_std,
+        trunk_std=discriminator.trunk_std,
         mirror=config.student.mirror,
         seed=config.seed,
     )
     return Discriminator(
         reference=torch.from_numpy(real),
-        hidden_sizes=list(judge.hidden_sizes),
-        dropout=judge.dropout,
-        learning_rate=judge.learning_rate,
-        penalty_weight=judge.gradient_penalty,
-        label_smoothing=judge.label_smoothing,
+        hidden_sizes=list(discriminator.hidden_sizes),
+        dropout=discriminator.dropout,
+        learning_rate=discriminator.learning_rate,
+        penalty_weight=discriminator.gradient_penalty,
+        label_smoothing=discriminator.label_smoothing,
         noise=config.noise,
-        reward_limit=judge.reward_limit,
-        held_out=judge.held_out,
-        patience=judge.patience,
-        standardize=judge.standardize,
-        loss=judge.loss,
-        penalty_on=judge.penalty_on,
+        reward_limit=discriminator.reward_limit,
+        held_out=discriminator.held_out,
+        patience=discriminator.patience,
+        standardize=discriminator.standardize,
+        loss=discriminator.loss,
+        penalty_on=discriminator.penalty_on,
         seed=config.seed,
         device=config.device,
     )

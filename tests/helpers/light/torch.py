@@ -5,6 +5,15 @@ from __future__ import annotations
 _threads = 0
 
 
+class cuda:
+    """No device."""
+
+    @staticmethod
+    def is_available() -> bool:
+        """False."""
+        return False
+
+
 def manual_seed(seed: int) -> None:
     """Seed nothing."""
 
