@@ -52,7 +52,7 @@ def hold_in_plane(spec: mujoco.MjSpec, skeleton: Skeleton = SMPL, *, actuation: 
 
 def _check_tree(spec: mujoco.MjSpec, skeleton: Skeleton) -> None:
     """The skeleton's bodies hang together as it says, and nothing stands apart from them."""
-    for body in spec.bodies[1:]:
+    for body in sorted(spec.bodies[1:], key=lambda body: body.name not in skeleton.bodies):
         parent, needed = body.parent.name, skeleton.parents.get(body.name)
         if body.name == skeleton.root:
             needed = _WORLD
