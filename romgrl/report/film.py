@@ -56,16 +56,17 @@ def side_view(model: Any, state: Floats, far: Collection[str]) -> tuple[Floats, 
     """Lines (S, 2, 2) m from each body to its parent, x relative to the root, and which bodies are of `far` (S,)."""
     import mujoco
 
-    from romgrl.humanoid.skeleton import skeleton_of
-
     data = mujoco.MjData(model)
     data.qpos[:] = state[: model.nq]
     mujoco.mj_kinematics(model, data)
-    skeleton = skeleton_of(model)
-    points = {body: data.body(body).xpos[[0, 2]] for body in skeleton.bodies}
-    lines = np.array([(points[parent], points[body]) for body, parent in skeleton.parents.items()])
-    lines[..., 0] -= points[skeleton.root][0]
-    return lines, np.array([body in far for body in skeleton.parents], bool)
+    root = int(model.body_rootid[model.jnt_bodyid[0]])  # the body that moves
+    children = [body for body in range(root + 1, model.nbody) if model.body_rootid[body] == root]
+    parents = [int(model.body_parentid[body]) for body in children]
+    points = data.xpos[:, [0, 2]] - [data.xpos[root, 0], 0.0]
+    faint = np.array([model.body(body).name in far for body in range(model.nbody)], bool)
+    for body, parent in zip(children, parents, strict=True):
+        faint[body] |= faint[parent]  # what hangs from a body is of its side
+    return np.stack((points[parents], points[children]), axis=1), faint[children]
 
 
 def _strip(rows: Mapping[str, Sequence[Any] | Floats], times: Mapping[str, Floats]) -> tuple[Figure, Any]:

@@ -98,8 +98,9 @@ def test_pictures_follow_the_root_wherever_it_stands_in_the_file(
     model = mujoco.MjModel.from_xml_string(
         f'<mujoco><worldbody><body name="marker" pos="5 0 0"/>{tree}</worldbody></mujoco>'
     )
-    lines, faint = film.side_view(changed((THIGH, MOUNT + THIGH)), np.zeros(24), SMPL.right_side)
-    assert (len(lines), faint.sum()) == (23, 9)
+    wrist = '<body name="R_Wrist"'
+    lines, faint = film.side_view(changed((wrist, MOUNT + wrist)), np.zeros(24), SMPL.right_side)
+    assert (len(lines), faint.sum()) == (25, 11)
     window = SimpleNamespace(cam=SimpleNamespace())
     monkeypatch.setattr(mujoco.viewer, "launch_passive", lambda *_, **__: nullcontext(window))
     monkeypatch.setattr(watch, "walk_on", lambda *_: iter(()))
@@ -153,7 +154,7 @@ def test_the_head_hangs_where_the_skeleton_has_it(text: str, tmp_path: Path) -> 
     assert head
     other = text.replace(head[0], "").replace(THIGH, head[0] + THIGH)
     (tmp_path / "file.xml").write_text(other, encoding="utf-8")
-    with pytest.raises(ConfigurationError, match="^humanoid.xml: body Head hangs from Pelvis; needed .*: from Neck$"):
+    with pytest.raises(ConfigurationError, match=r"^humanoid\.xml: body Head hangs from Pelvis; .*: from Neck$"):
         build(xml=tmp_path / "file.xml")
 
 
@@ -168,10 +169,9 @@ def test_bodies_without_joints_have_their_order_too(text: str, tmp_path: Path) -
         build(xml=tmp_path / "file.xml", skeleton=other)
 
 
-@pytest.mark.parametrize("upper", ["0", "-0.0"])
-def test_torque_needs_a_largest_torque(changed: Builder, upper: str) -> None:
+def test_torque_needs_a_largest_torque(changed: Builder) -> None:
     servo = 'joint="L_Knee" ctrlrange="-1 1" ctrllimited="true" forcelimited="true" forcerange="-250 250"'
-    bare = servo.replace('forcelimited="true" forcerange="-250 250"', f'forcerange="{upper} 0" forcelimited="false"')
+    bare = servo.replace('forcelimited="true" forcerange="-250 250"', 'forcelimited="false"')
     changed((servo, bare))
     reason = "joint L_Knee's actuator has no largest torque; needed for humanoid.actuation=torque: a forcerange"
     with pytest.raises(ConfigurationError, match=f"^humanoid.xml: {reason} that ends above 0$"):
