@@ -13,9 +13,9 @@ from romgrl.cli.locations import is_file, is_readable, outputs_directory, tracki
 from romgrl.config.learners import CRITICS
 from romgrl.config.schema import Config
 from romgrl.config.values import bad_value, fits, keys_of, refusal, schema_keys, show, value_of
+from romgrl.config.worlds import SKELETONS
 from romgrl.errors import ArtifactError, ConfigurationError
 
-OWN_SKELETON = "smpl"  # of the project's own humanoid
 FEWEST_ROWS = 4  # of the replay buffer, which keeps two of them free
 
 
@@ -144,8 +144,10 @@ def humanoid_file(config: Config) -> Iterator[str]:
     """The file of the humanoid is one."""
     humanoid, name = config.humanoid, config.humanoid.skeleton
     if humanoid.xml is None:
-        if name != OWN_SKELETON:
-            yield refusal("humanoid.skeleton", name, f"{OWN_SKELETON} without humanoid.xml")
+        if name != SKELETONS[0]:
+            from romgrl.humanoid.skeleton import without_file
+
+            yield without_file(name)
     elif not is_file(humanoid.xml):
         yield refusal("humanoid.xml", humanoid.xml, "a MuJoCo file that exists")
     elif not is_readable(humanoid.xml):

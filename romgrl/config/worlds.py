@@ -8,7 +8,7 @@ from romgrl.config.fields import key
 
 ROMS: dict[str, type[Rom]] = {}
 """The keys of each reduced-order model; romgrl.rom.registry has the models."""
-SKELETONS = ("smpl",)  # of romgrl/humanoid/skeleton.py
+SKELETONS = ("smpl",)  # of romgrl/humanoid/skeleton.py; the first is that of the project's own humanoid
 
 
 @dataclass

@@ -15,7 +15,7 @@ from romgrl.config.worlds import Humanoid
 from romgrl.errors import ConfigurationError
 from romgrl.humanoid.own_body import human_spec
 from romgrl.humanoid.sagittal_plane import hold_in_plane
-from romgrl.humanoid.skeleton import ROOT_JOINTS, SKELETONS, SMPL, Skeleton, skeleton_of
+from romgrl.humanoid.skeleton import ROOT_JOINTS, SKELETONS, SMPL, Skeleton, skeleton_of, without_file
 
 HEIGHT, MASS = 1.741, 73.0
 CONTROL_FREQUENCY, SUBSTEPS = 30.0, 8
@@ -50,8 +50,8 @@ def build(
     SMPL's skeleton has A = 21 hinges. The model remembers its skeleton, see `skeleton_of`.
 
     Args:
-        xml: a MuJoCo model with the skeleton's bodies (HumEnv's robot.xml has SMPL's), held in the plane; None: the
-            project's own, whose skeleton is SMPL's.
+        xml: a MuJoCo model with the skeleton's bodies (HumEnv's robot.xml has SMPL's) and others that are welded to
+            them, held in the plane; None: the project's own, whose skeleton is SMPL's.
         actuation: "servo" (position servos) or "torque" (control x largest torque).
         height: of the project's own humanoid, m.
         mass: of the project's own humanoid, kg.
@@ -69,14 +69,16 @@ def build(
     if substeps < 1:
         raise ValueError(f"substeps must be at least 1, not {substeps}")
     if xml is None and skeleton is not SMPL:
-        raise ConfigurationError(f"humanoid.skeleton: {skeleton.name} needs humanoid.xml, a file with its bodies")
+        raise ConfigurationError(without_file(skeleton.name))
     spec = human_spec(height=height, mass=mass) if xml is None else _load(Path(xml).expanduser())
     hold_in_plane(spec, skeleton, actuation=actuation)
     spec.option.timestep = 1.0 / (control_frequency * substeps)
     model: mujoco.MjModel = _compile(spec)
+    bodies = [name for name in (model.body(index).name for index in range(model.nbody)) if name in skeleton.bodies]
     joints = [model.joint(index).name for index in range(model.njnt)]
     actuators = [model.actuator(index).name for index in range(model.nu)]
-    if joints != [*ROOT_JOINTS, *skeleton.hinges] or actuators != [*skeleton.hinges]:
+    order = [*skeleton.bodies], [*ROOT_JOINTS, *skeleton.hinges], [*skeleton.hinges]
+    if (bodies, joints, actuators) != order:
         raise ConfigurationError(
             f"humanoid.xml: bodies, joints and actuators must be in the order of the skeleton {skeleton.name}"
         )
@@ -130,9 +132,10 @@ def _compile(spec: mujoco.MjSpec) -> mujoco.MjModel:
         raise ConfigurationError(f"humanoid.xml: {str(error).splitlines()[0]}") from error
 
 
-def body_ids(model: mujoco.MjModel) -> NDArray[np.int64]:
-    """Ids (B,) of the bodies, in the skeleton's order."""
-    return np.array([model.body(name).id for name in skeleton_of(model).bodies], dtype=np.int64)
+def body_ids(model: mujoco.MjModel, skeleton: Skeleton | None = None) -> NDArray[np.int64]:
+    """Ids (B,) of the skeleton's bodies, in its order; None: the skeleton that the model was built with."""
+    bodies = (skeleton or skeleton_of(model)).bodies
+    return np.array([model.body(name).id for name in bodies], dtype=np.int64)
 
 
 def lowest_point(model: mujoco.MjModel, data: mujoco.MjData) -> float:

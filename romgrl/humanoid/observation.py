@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from romgrl.gait.symmetry import Mirror, by_name
+from romgrl.humanoid.model import body_ids
 from romgrl.humanoid.skeleton import Skeleton, skeleton_of
 
 _PLANE_SAMPLES = 64
@@ -20,18 +21,19 @@ _CONSTANT = 1e-9
 
 
 def observe(model: mujoco.MjModel, data: mujoco.MjData, skeleton: Skeleton | None = None) -> NDArray[np.float64]:
-    """The observation (358,) of `data` after a forward pass, on the full and on the planar model.
+    """The observation (O,) of `data` after a forward pass, on the full and on the planar model.
+
+    O is the skeleton's `observation_size`, 358 for SMPL's. Bodies that the skeleton does not have are left out.
 
     skeleton: of the model's bodies; None: the one that it was built with, SMPL's for any other model.
     """
     skeleton = skeleton or skeleton_of(model)
-    first = model.body(skeleton.root).id
-    bodies = slice(first, first + len(skeleton.bodies))
+    bodies = body_ids(model, skeleton)
     batch = assemble(
         data.xpos[None, bodies],
         data.xmat[None, bodies],
         data.cvel[None, bodies],
-        data.subtree_com[None, first],
+        data.subtree_com[None, bodies[0]],
         forward=skeleton.axes[0],
     )
     return batch.reshape(-1)
@@ -50,7 +52,7 @@ def observation_names(skeleton: Skeleton) -> tuple[str, ...]:
 
 
 def mirror_observation(skeleton: Skeleton) -> Mirror:
-    """Mirror of the observation (358,) in the sagittal plane.
+    """Mirror of the observation (O,) in the sagittal plane.
 
     With M = diag(1, -1, 1) in the world and S in the body frames, which negates the lateral axis (SMPL's x), the
     mirrored rotation is M R S: the column of the lateral axis becomes -M R e, another M R e. Angular velocity is a
@@ -76,7 +78,7 @@ def assemble(
     *,
     forward: int,
 ) -> NDArray[np.float64]:
-    """Observations (N, 358) from MuJoCo's kinematics of the B bodies, the root first.
+    """Observations (N, O) from MuJoCo's kinematics of the B bodies, the root first.
 
     Args:
         position: origins (N, B, 3), MuJoCo's xpos.

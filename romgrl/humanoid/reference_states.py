@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 STRAIGHT = 0.995
 """A leg is stretched to this share of its length at most: beyond, the knee's speed has no bound."""
-FASTEST = 15.0
+LARGEST_JOINT_SPEED = 15.0
 """Joint speeds are cut to this, rad/s; running humans reach about 12 in the knee."""
 SWING, ELBOW = 0.7, -1.2
 """Shoulder angle as a share of the hip's, against it, and the elbow's angle, rad."""
@@ -36,7 +36,7 @@ def reference_bank(
     rows = np.random.default_rng(seed).choice(middle, size // 2)
     before, qpos, after = (follow(model, features[rows + shift].astype(float)) for shift in (-1, 0, 1))
     qvel = (after - before) / (2 * dt)
-    qvel[:, 3:] = np.clip(qvel[:, 3:], -FASTEST, FASTEST)
+    qvel[:, 3:] = np.clip(qvel[:, 3:], -LARGEST_JOINT_SPEED, LARGEST_JOINT_SPEED)
     lift_out_of_floor(model, qpos)
     mirror = skeleton_of(model).mirror_joints()
     return ResetBank(np.concatenate([qpos, mirror.image(qpos)]), np.concatenate([qvel, mirror.image(qvel)]))

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
@@ -10,37 +13,64 @@ from romgrl.errors import ConfigurationError
 from romgrl.humanoid.skeleton import ROOT_JOINTS, SKELETON_TEXT, SMPL, Skeleton
 
 _HALF = float(np.sqrt(0.5))
+_WORLD = "world"
+_CONTROLS = (-1.0, 1.0)
 
 
 def hold_in_plane(spec: mujoco.MjSpec, skeleton: Skeleton = SMPL, *, actuation: str) -> None:
     """Edit `spec` in place: root slides x and z and hinge pitch; of each body's joints the one about the lateral axis.
 
     Other joints and their actuators go, and only the floor is touched (no self-collision), which keeps the two halves
-    of the body independent and the physics fast. A text of the model names its skeleton. Raises ConfigurationError if
-    bodies, joints or actuators are missing or a joint is not at the origin of its body.
+    of the body independent and the physics fast. A text of the model names its skeleton. Bodies that the skeleton does
+    not have are welded to those that they hang from. Raises ConfigurationError if bodies, joints or actuators are
+    missing or not those of the skeleton, a joint is not at the origin of its body, or controls are not in [-1, 1].
     """
     bodies = {body.name: body for body in spec.bodies}
     missing = [name for name in skeleton.bodies if name not in bodies]
     if missing:
         raise ConfigurationError(f"humanoid.xml: no body named {missing[0]}, as the skeleton {skeleton.name} has")
+    _check_tree(spec, skeleton)
+    spec.compiler.fusestatic = False  # the welded bodies are observed, too
     _hang_arms(bodies, skeleton)
     kept = {name: _pitch_joint(spec, bodies[name], skeleton) for name in skeleton.hinges}
     _keep_actuators(spec, {joint: name for name, joint in kept.items()}, actuation)
     for joint in list(spec.joints):
         if joint.name not in kept.values():
             spec.delete(joint)
-    for name in skeleton.hinges:
-        spec.joint(kept[name]).name = name
+    _rename({name: spec.joint(joint) for name, joint in kept.items()})
     named_before = (text for text in spec.texts if text.name == SKELETON_TEXT)
     for unused in (*spec.excludes, *spec.sensors, *named_before):
         spec.delete(unused)
     _add_root(bodies[skeleton.root], skeleton)
     for geom in spec.geoms:
-        is_floor = geom.parent.name == "world"
+        is_floor = geom.parent.name == _WORLD
         touches = bool(geom.contype or geom.conaffinity)
         geom.contype, geom.conaffinity = (int(touches and is_floor), int(touches and not is_floor))
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_ISLAND.value  # one tree is one island
     spec.add_text(name=SKELETON_TEXT, data=skeleton.name)
+
+
+def _check_tree(spec: mujoco.MjSpec, skeleton: Skeleton) -> None:
+    """The skeleton's bodies hang together as it says, and nothing stands apart from them."""
+    for body in sorted(spec.bodies[1:], key=lambda body: body.name not in skeleton.bodies):
+        parent, needed = body.parent.name, skeleton.parents.get(body.name)
+        if body.name == skeleton.root:
+            needed = _WORLD
+        elif needed is None and parent == _WORLD:
+            needed = "a body of the humanoid"
+        if needed is not None and parent != needed:
+            raise ConfigurationError(
+                f"humanoid.xml: body {body.name or '(unnamed)'} hangs from {parent or 'an unnamed body'}; "
+                f"needed for the skeleton {skeleton.name}: from {needed}"
+            )
+
+
+def _rename(elements: Mapping[str, Any]) -> None:
+    """Give each element its name, which another one of them may have had."""
+    for element in elements.values():
+        element.name = ""
+    for name, element in elements.items():
+        element.name = name
 
 
 def _rotation(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -92,20 +122,49 @@ def _pitch_joint(spec: mujoco.MjSpec, body: mujoco.MjsBody, skeleton: Skeleton) 
 
 
 def _keep_actuators(spec: mujoco.MjSpec, body_of: dict[str, str], actuation: str) -> None:
-    """Keep one actuator per hinge, named after its body; `torque` makes its gain the largest torque."""
-    driven = set()
+    """Keep the actuator of each hinge, named after its body; `torque` makes its gain the largest torque."""
+    kept: dict[str, Any] = {}
     for actuator in list(spec.actuators):
-        if actuator.target not in body_of:
+        joint = actuator.target
+        if joint not in body_of:
             spec.delete(actuator)
             continue
-        driven.add(actuator.target)
-        actuator.name = actuator.target = body_of[actuator.target]
+        if body_of[joint] in kept:
+            raise ConfigurationError(f"humanoid.xml: joint {joint} has more than one actuator; needed: one")
+        kept[body_of[joint]] = actuator
         if actuation == "torque":
-            actuator.biastype = mujoco.mjtBias.mjBIAS_NONE
-            actuator.gainprm[0] = actuator.forcerange[1]
-            actuator.biasprm[:3] = 0.0
-    if driven != set(body_of):
-        raise ConfigurationError(f"humanoid.xml: joint {min(set(body_of) - driven)} has no actuator")
+            _drive_by_torque(actuator)
+        elif _is_limited(actuator) and tuple(actuator.ctrlrange) != _CONTROLS:
+            raise ConfigurationError(
+                "humanoid.xml: the ctrlrange of joint {}'s actuator is {:g} {:g}; needed: {:g} {:g}".format(
+                    joint, *actuator.ctrlrange, *_CONTROLS
+                )
+            )
+        actuator.ctrllimited, actuator.ctrlrange = mujoco.mjtLimited.mjLIMITED_TRUE, _CONTROLS
+    without = sorted(joint for joint, body in body_of.items() if body not in kept)
+    if without:
+        raise ConfigurationError(f"humanoid.xml: joint {without[0]} has no actuator")
+    _rename(kept)
+    for name, actuator in kept.items():
+        actuator.target = name
+
+
+def _drive_by_torque(actuator: mujoco.MjsActuator) -> None:
+    """A control of 1 is the largest torque."""
+    largest = actuator.forcerange[1]
+    if not largest > 0:
+        raise ConfigurationError(
+            f"humanoid.xml: joint {actuator.target}'s actuator has no largest torque; "
+            "needed for humanoid.actuation=torque: a forcerange that ends above 0"
+        )
+    actuator.biastype = mujoco.mjtBias.mjBIAS_NONE
+    actuator.gainprm[0] = largest
+    actuator.biasprm[:3] = 0.0
+
+
+def _is_limited(actuator: mujoco.MjsActuator) -> bool:
+    automatic = actuator.ctrllimited == mujoco.mjtLimited.mjLIMITED_AUTO
+    return bool(np.any(actuator.ctrlrange)) if automatic else bool(actuator.ctrllimited)
 
 
 def _add_root(root: mujoco.MjsBody, skeleton: Skeleton) -> None:

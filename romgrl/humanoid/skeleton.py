@@ -16,11 +16,18 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from romgrl.config import worlds
+from romgrl.config.values import refusal
 from romgrl.gait.symmetry import Mirror, by_name
 
+OWN_SKELETON: Final = worlds.SKELETONS[0]
+"""The value of `humanoid.skeleton` for the project's own humanoid."""
 ROOT_JOINTS: Final = ("root_x", "root_z", "root_pitch")
 SKELETON_TEXT: Final = "romgrl_skeleton"
 """Text element of a built model that names its skeleton."""
+
+MOST_BODIES: Final = 64
+"""kMostBodies of cpp/humanoid/planar_bodies.hpp."""
 
 
 class Limbs(NamedTuple):
@@ -40,7 +47,7 @@ class Skeleton:
     name: str
     """The value of `humanoid.skeleton`."""
     parents: Mapping[str, str]
-    """Parent of every body but the root, in the order of the model's bodies."""
+    """Parent of every body but the root, in the order of the model's bodies; files may have further bodies."""
     sides: tuple[str, str]
     """What the names of left and of right bodies begin or end with."""
     left: Limbs
@@ -61,6 +68,11 @@ class Skeleton:
         unknown = sorted(str(part) for part in parts - set(self.bodies))
         if unknown:
             raise ValueError(f"skeleton {self.name}: {unknown[0]} is none of its bodies")
+        if len(self.bodies) > MOST_BODIES:
+            raise ValueError(f"skeleton {self.name}: {len(self.bodies)} bodies, {MOST_BODIES} at most")
+        for index, (body, parent) in enumerate(self.parents.items(), start=1):
+            if parent not in self.bodies[:index]:
+                raise ValueError(f"skeleton {self.name}: {body}'s parent {parent} must come before it")
         turned = np.round(self.base_rotation, 6)
         if set(np.abs(turned).ravel()) != {0.0, 1.0} or turned[0].max() < 1:
             raise ValueError(f"skeleton {self.name}: {self.base_quaternion} turns no axis of the root forward")
@@ -155,7 +167,7 @@ def _side(side: str, chain: Mapping[str, str]) -> dict[str, str]:
 
 
 SMPL: Final = Skeleton(
-    name="smpl",
+    name=OWN_SKELETON,
     parents=_side("L_", _LEG) | _side("R_", _LEG) | _TRUNK | _side("L_", _ARM) | _side("R_", _ARM),
     sides=("L_", "R_"),
     left=Limbs("L_Hip", "L_Knee", "L_Ankle", "L_Shoulder", "L_Elbow"),
@@ -170,6 +182,11 @@ SMPL: Final = Skeleton(
 
 SKELETONS: Final = {skeleton.name: skeleton for skeleton in (SMPL,)}
 """Every value of `humanoid.skeleton`."""
+
+
+def without_file(name: str) -> str:
+    """The line of a skeleton that is not the project's own where `humanoid.xml` names no file."""
+    return refusal("humanoid.skeleton", name, f"{OWN_SKELETON} without humanoid.xml")
 
 
 def skeleton_of(model: mujoco.MjModel) -> Skeleton:

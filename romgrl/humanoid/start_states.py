@@ -20,15 +20,15 @@ RATE_NOISE = 0.1
 
 @dataclass(frozen=True)
 class ResetBank:
-    """Poses with one thigh forward, the other back with the knee bent, trunk upright, lowest sole on the ground."""
+    """States where episodes may start, from `build_bank`, `reference_states.reference_bank` or `mixed` from both."""
 
     qpos: NDArray[np.float64]
-    """(M, nq); rows M/2 and later are the mirror images of the first half."""
+    """(M, nq)."""
     qvel: NDArray[np.float64]
-    """(M, nv) with the forward speed left at 0."""
+    """(M, nv); an environment adds the forward speed that it draws."""
 
     def draw(self, generator: np.random.Generator, count: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """qpos and qvel (count, nq) of random entries: either side leads with equal probability."""
+        """qpos and qvel (count, nq and nv) of random entries."""
         rows = generator.integers(len(self.qpos), size=count)
         return self.qpos[rows], self.qvel[rows]
 
@@ -43,7 +43,11 @@ class ResetBank:
 
 
 def build_bank(model: mujoco.MjModel, size: int = BANK_SIZE) -> ResetBank:
-    """The same poses every time: within the joint ranges, each touching the ground, and their mirror images."""
+    """Poses with one thigh forward, the other back with the knee bent, trunk upright, lowest sole on the ground.
+
+    They are the same every time, within the joint ranges. Rows size/2 and later are mirror images of those before, so
+    either side leads with equal probability; the forward speed is left at 0.
+    """
     generator, half = np.random.default_rng(0), size // 2
     skeleton = skeleton_of(model)
     column, left, right = skeleton.column, skeleton.left, skeleton.right

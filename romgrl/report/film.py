@@ -59,11 +59,14 @@ def side_view(model: Any, state: Floats, far: Collection[str]) -> tuple[Floats, 
     data = mujoco.MjData(model)
     data.qpos[:] = state[: model.nq]
     mujoco.mj_kinematics(model, data)
-    children = [body for body in range(2, model.nbody) if model.body_parentid[body] > 0]
+    root = int(model.body_rootid[model.jnt_bodyid[0]])  # the body that moves
+    children = [body for body in range(root + 1, model.nbody) if model.body_rootid[body] == root]
     parents = [int(model.body_parentid[body]) for body in children]
-    points = data.xpos[:, [0, 2]] - [data.xpos[1, 0], 0.0]
-    faint = [model.body(body).name in far for body in children]
-    return np.stack((points[parents], points[children]), axis=1), np.asarray(faint, bool)
+    points = data.xpos[:, [0, 2]] - [data.xpos[root, 0], 0.0]
+    faint = np.array([model.body(body).name in far for body in range(model.nbody)], bool)
+    for body, parent in zip(children, parents, strict=True):
+        faint[body] |= faint[parent]  # what hangs from a body is of its side
+    return np.stack((points[parents], points[children]), axis=1), faint[children]
 
 
 def _strip(rows: Mapping[str, Sequence[Any] | Floats], times: Mapping[str, Floats]) -> tuple[Figure, Any]:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from romgrl.config.schema import Config
 from romgrl.humanoid.rendering import RenderingError, SideCamera
+from romgrl.humanoid.skeleton import skeleton_of
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 from romgrl.report.encoder import FilmError, write_film
 from romgrl.runtime import signals
@@ -69,7 +70,8 @@ def play(env: PlanarHumanoidVectorEnv, directory: Path, seed: int) -> None:
     data = mujoco.MjData(model)
     with mujoco.viewer.launch_passive(model, data, show_left_ui=False, show_right_ui=False) as window:
         window.cam.type = mujoco.mjtCamera.mjCAMERA_TRACKING
-        window.cam.trackbodyid, window.cam.azimuth, window.cam.elevation, window.cam.distance = 1, 90.0, -10.0, 4.0
+        window.cam.trackbodyid = model.body(skeleton_of(model).root).id
+        window.cam.azimuth, window.cam.elevation, window.cam.distance = 90.0, -10.0, 4.0
         for state, _ in walk_on(env, directory, seed):
             due = time.monotonic() + env.control_step
             data.qpos[:] = state[: model.nq]

@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from romgrl.humanoid import _core
 from romgrl.humanoid.model import build, dimensions
 from romgrl.humanoid.observation import observe, varying_columns
 from romgrl.humanoid.planar_observer import FASTEST, GAIT_FEATURES, TRUNK_LEAN, PlanarObserver
@@ -218,3 +219,25 @@ def test_mirror_of_state_observation_and_step() -> None:
 def test_users_own_humanoid_varies_in_the_plane() -> None:
     columns = varying_columns(build(xml=humenv_xml(), substeps=15))
     assert 167 <= len(columns) <= 190
+
+
+def test_trees_that_the_observer_refuses() -> None:
+    def tree(bodies: int, head: int = 0) -> _core.PlanarBodies:
+        zeros = [[0.0, 0.0, 0.0]] * bodies
+        return _core.PlanarBodies(
+            parents=range(-1, bodies - 1),
+            joints=[-1] * bodies,
+            offsets=zeros,
+            x_axes=zeros,
+            z_axes=zeros,
+            rest=[0.0, 0.0],
+            left_ankle=0,
+            right_ankle=0,
+            neck=0,
+            head=head,
+        )
+
+    tree(64, head=63)
+    for bodies, head, reason in ((0, 0, "1 to 64 bodies"), (65, 0, "1 to 64 bodies"), (3, 3, "no such body")):
+        with pytest.raises(ValueError, match=reason):
+            tree(bodies, head)

@@ -6,7 +6,7 @@ import pytest
 
 from romgrl.humanoid.model import build, lowest_point
 from romgrl.humanoid.planar_observer import GAIT_FEATURES, PlanarObserver
-from romgrl.humanoid.reference_states import FASTEST, follow, reference_bank
+from romgrl.humanoid.reference_states import LARGEST_JOINT_SPEED, follow, reference_bank
 from romgrl.humanoid.skeleton import SMPL
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 
@@ -57,7 +57,7 @@ def test_a_foot_out_of_reach_leaves_the_leg_nearly_straight_and_pointing_at_it(m
 
 def test_joint_speeds_move_the_feet_as_the_reference_does(model, features):
     bank = reference_bank(model, features, EPISODE, dt=DT, size=64, seed=0)
-    slow = np.flatnonzero(np.abs(bank.qvel[:32, 3:]).max(1) < FASTEST)
+    slow = np.flatnonzero(np.abs(bank.qvel[:32, 3:]).max(1) < LARGEST_JOINT_SPEED)
     moved = (seen(model, bank.qpos + 1e-4 * bank.qvel) - seen(model, bank.qpos))[slow] / 1e-4
     velocities = np.gradient(features, DT, axis=0)
     shape = seen(model, bank.qpos)[slow, 1:]

@@ -104,7 +104,7 @@ def humanoid_points(model: Any, states: Floats) -> tuple[Floats, Floats]:
     for step, state in enumerate(states):
         data.qpos[:] = state[: model.nq]
         mujoco.mj_kinematics(model, data)
-        x[step] = data.xpos[1, 0]
+        x[step] = data.xpos[model.jnt_bodyid[0], 0]
         centre = data.geom_xpos[geoms][:, [0, 2]] - [x[step], 0.0]
         turned = data.geom_xmat[geoms].reshape(-1, 3, 3)[np.arange(len(geoms)), :, axes][:, [0, 2]]
         reach = halves[:, None] * turned

@@ -22,7 +22,7 @@ class Start:
     state: dict[str, Any]
     """Of the environment, see its `restore`."""
     observation: NDArray[np.float32]
-    """(N, 358)."""
+    """(N, O), with the O columns of the environment."""
     fallen: NDArray[np.bool_]
     """(N,): fell before."""
 
@@ -74,8 +74,8 @@ def disturb(
 ) -> Outcome:
     """Go on from `start` for T = `steps` control steps.
 
-    A forward force (N) acts on the chest over the first `push_steps`. The policy sees every entry of its observation
-    with Gaussian noise of standard deviation `noise` (358,), drawn from `seed`.
+    A forward force (N) acts on the skeleton's pushed body, SMPL's chest, over the first `push_steps`. The policy sees
+    every entry of its observation with Gaussian noise of standard deviation `noise` (O,), drawn from `seed`.
     """
     env.restore(start.state)
     env.push(np.full(env.num_envs, force))

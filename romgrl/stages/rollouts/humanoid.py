@@ -21,7 +21,7 @@ def roll_out(
     """One episode of `steps` steps in each of the E environments; a walker is not upright from its first fall on.
 
     features (E, T, 5) m, velocity (E, T) m/s, upright (E, T), trunk_lean (E, T) rad, power (E, T) W, contact (E, T, 2),
-    states (T', 48): qpos and qvel of one episode up to its fall, of the first without a fall where there is one.
+    states (T', nq + nv): qpos and qvel of one episode up to its fall, of the first without a fall where there is one.
     """
     size = (env.num_envs, steps)
     features, velocity = np.zeros((*size, 5), np.float32), np.zeros(size, np.float32)

@@ -1,0 +1,213 @@
+"""A user's file with more than the skeleton's bodies, and files that do not fit: one line that says what is needed."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from contextlib import nullcontext
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import mujoco
+import mujoco.viewer
+import numpy as np
+import pytest
+
+from romgrl.cli.consistency import humanoid_file
+from romgrl.config.schema import Config
+from romgrl.errors import ConfigurationError
+from romgrl.humanoid.joint_power import replay
+from romgrl.humanoid.model import build, dimensions
+from romgrl.humanoid.observation import observe
+from romgrl.humanoid.own_body import human_spec
+from romgrl.humanoid.skeleton import SMPL, without_file
+from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
+from romgrl.report import film
+from romgrl.stages import watch
+
+Builder = Callable[..., mujoco.MjModel]
+PELVIS, THIGH, SHIN = (f'<body name="{name}"' for name in ("Pelvis", "L_Hip", "L_Knee"))
+MOUNT = '<body name="mount" pos="0.1 0 0.2" euler="0.1 0.2 0.3"><geom size="0.02" mass="2"/><body/></body>'
+SHOE = '<body name="shoe"><geom type="box" pos="0 -0.3 0" size="0.1 0.01 0.1" mass="1"/></body>'
+
+
+@pytest.fixture(scope="module")
+def text() -> str:
+    """A file of the project's own body."""
+    spec = human_spec(height=1.741, mass=73.0)
+    spec.compile()
+    return str(spec.to_xml())
+
+
+@pytest.fixture
+def changed(text: str, tmp_path: Path) -> Builder:
+    """The humanoid of that file, each text of `places` replaced by what stands beside it."""
+
+    def make(*places: tuple[str, str], actuation: str = "servo") -> mujoco.MjModel:
+        written = text
+        for place, instead in places:
+            assert place in written
+            written = written.replace(place, instead, 1)
+        (tmp_path / "file.xml").write_text(written, encoding="utf-8")
+        return build(xml=tmp_path / "file.xml", actuation=actuation)
+
+    return make
+
+
+@pytest.mark.parametrize("compact", [False, True])
+@pytest.mark.parametrize("place", [THIGH, SHIN, '<body name="R_Wrist"'])
+def test_a_further_body_is_carried_and_not_observed(changed: Builder, place: str, *, compact: bool) -> None:
+    model, plain = changed((place, MOUNT + place)), changed()
+    assert dimensions(model).mass == pytest.approx(dimensions(plain).mass + 2.0)
+    env, bare = (PlanarHumanoidVectorEnv(model=of, num_envs=8, compact=compact) for of in (model, plain))
+    assert env.observation_names == bare.observation_names
+    assert env.compact_columns.tolist() == bare.compact_columns.tolist()
+    env.reset(seed=0)
+    generator = np.random.default_rng(1)
+    for _ in range(5):
+        seen, *_ = env.step(generator.uniform(-1, 1, (8, 21)).astype(np.float32))
+    data = mujoco.MjData(model)
+    for row, state in enumerate(env.states()):
+        data.qpos[:], data.qvel[:] = np.split(state, 2)
+        mujoco.mj_forward(model, data)
+        assert seen[row] == pytest.approx(observe(model, data)[env.columns], rel=2e-7, abs=1e-12)
+    assert np.array_equal(env.set_states(env.states()), bare.set_states(env.states()))
+
+
+def test_a_further_body_below_a_foot_is_of_the_foot(changed: Builder) -> None:
+    toe = '<body name="L_Toe"'
+    model = changed((toe, SHOE.replace("<geom", '<geom contype="1" conaffinity="1"') + toe), ('contype="0"', ""))
+    state = np.zeros((1, 48))
+    state[0, 1] = dimensions(model).pelvis_height - 0.002
+    assert replay(model, state, np.zeros((1, 21)), substeps=1)[1].tolist() == [[True, False]]
+
+
+def test_static_bodies_stay_apart(changed: Builder) -> None:
+    """A compiler that fuses would take the hands away."""
+    model = changed(('<compiler angle="radian"', '<compiler angle="radian" fusestatic="true"'))
+    assert model.nbody == 25
+
+
+def test_pictures_follow_the_root_wherever_it_stands_in_the_file(
+    changed: Builder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bodies = "".join(f'<body name="{name}" pos="0.1 0 0">' for name in SMPL.bodies)
+    geom = '<joint axis="1 0 0" type="slide"/><geom size="0.1"/>'
+    tree = bodies.replace(">", f">{geom}", 1) + "</body>" * len(SMPL.bodies)
+    model = mujoco.MjModel.from_xml_string(
+        f'<mujoco><worldbody><body name="marker" pos="5 0 0"/>{tree}</worldbody></mujoco>'
+    )
+    wrist = '<body name="R_Wrist"'
+    lines, faint = film.side_view(changed((wrist, MOUNT + wrist)), np.zeros(24), SMPL.right_side)
+    assert (len(lines), faint.sum()) == (25, 11)
+    window = SimpleNamespace(cam=SimpleNamespace())
+    monkeypatch.setattr(mujoco.viewer, "launch_passive", lambda *_, **__: nullcontext(window))
+    monkeypatch.setattr(watch, "walk_on", lambda *_: iter(()))
+    watch.play(SimpleNamespace(model=model), Path(), 0)  # type: ignore[arg-type]
+    assert window.cam.trackbodyid == model.body("Pelvis").id == 2
+    lines, _ = film.side_view(model, np.array([3.0]), ())
+    assert lines[0, 0].tolist() == [0.0, 0.0]
+
+
+@pytest.mark.parametrize(
+    ("places", "reason"),
+    [
+        (
+            [
+                (SHIN, f'<body name="mount"><geom size="0.1"/>{SHIN}'),
+                ('<body name="R_Hip"', '</body><body name="R_Hip"'),
+            ],
+            "body L_Knee hangs from mount; needed for the skeleton smpl: from L_Hip",
+        ),
+        (
+            [(PELVIS, MOUNT.replace("mount", "ball") + PELVIS)],
+            "body ball hangs from world; needed for the skeleton smpl: from a body of the humanoid",
+        ),
+        (
+            [(PELVIS, f'<body name="cart">{PELVIS}'), ("</worldbody>", "</body></worldbody>")],
+            "body Pelvis hangs from cart; needed for the skeleton smpl: from world",
+        ),
+        (
+            [("<actuator>", '<actuator><motor name="extra" joint="R_Knee"/>')],
+            "joint R_Knee has more than one actuator; needed: one",
+        ),
+        (
+            [('joint="L_Knee" ctrlrange="-1 1"', 'joint="L_Knee" ctrlrange="-0.3 0.3"')],
+            "the ctrlrange of joint L_Knee's actuator is -0.3 0.3; needed: -1 1",
+        ),
+    ],
+)
+def test_a_file_that_does_not_fit_is_one_line(
+    changed: Builder, places: list[tuple[str, str]], reason: str, tmp_path: Path, smoke_config: Config
+) -> None:
+    with pytest.raises(ConfigurationError, match=f"^humanoid.xml: {re.escape(reason)}$"):
+        changed(*places)
+    smoke_config.humanoid.xml = str(tmp_path / "file.xml")
+    (line,) = humanoid_file(smoke_config)
+    assert line.startswith("humanoid.xml: ")
+    assert line.endswith(f"a MuJoCo file with the bodies of smpl ({reason})")
+
+
+def test_the_head_hangs_where_the_skeleton_has_it(text: str, tmp_path: Path) -> None:
+    head = re.search(r'<body name="Head".*?</body>\s*', text, re.DOTALL)
+    assert head
+    other = text.replace(head[0], "").replace(THIGH, head[0] + THIGH)
+    (tmp_path / "file.xml").write_text(other, encoding="utf-8")
+    with pytest.raises(ConfigurationError, match=r"^humanoid\.xml: body Head hangs from Pelvis; .*: from Neck$"):
+        build(xml=tmp_path / "file.xml")
+
+
+def test_bodies_without_joints_have_their_order_too(text: str, tmp_path: Path) -> None:
+    """Joints and actuators alone would not tell."""
+    other = replace(
+        SMPL,
+        parents={name: parent for name, parent in SMPL.parents.items() if name != "L_Hand"} | {"L_Hand": "L_Wrist"},
+    )
+    (tmp_path / "file.xml").write_text(text, encoding="utf-8")
+    with pytest.raises(ConfigurationError, match="bodies, joints and actuators must be in the order of the skeleton"):
+        build(xml=tmp_path / "file.xml", skeleton=other)
+
+
+def test_torque_needs_a_largest_torque(changed: Builder) -> None:
+    servo = 'joint="L_Knee" ctrlrange="-1 1" ctrllimited="true" forcelimited="true" forcerange="-250 250"'
+    bare = servo.replace('forcelimited="true" forcerange="-250 250"', 'forcelimited="false"')
+    changed((servo, bare))
+    reason = "joint L_Knee's actuator has no largest torque; needed for humanoid.actuation=torque: a forcerange"
+    with pytest.raises(ConfigurationError, match=f"^humanoid.xml: {reason} that ends above 0$"):
+        changed((servo, bare), actuation="torque")
+
+
+@pytest.mark.parametrize("ranged", ['ctrlrange="-0.3 0.3"', 'ctrlrange="-9 9" ctrllimited="true"', ""])
+def test_controls_of_torques_and_of_no_limit_are_in_their_range(changed: Builder, ranged: str) -> None:
+    place = 'joint="L_Knee" ctrlrange="-1 1" ctrllimited="true"'
+    model = changed((place, f'joint="L_Knee" {ranged}'), actuation="torque" if ranged else "servo")
+    assert model.actuator_ctrlrange.tolist() == [[-1.0, 1.0]] * 21
+    assert model.actuator_ctrllimited.all()
+
+
+def test_names_that_another_actuator_had(changed: Builder) -> None:
+    model = changed(
+        ('name="L_Knee" joint="L_Knee"', 'name="L_Ankle" joint="L_Knee"'),
+        ('name="L_Ankle" joint="L_Ankle"', 'name="L_Knee" joint="L_Ankle"'),
+    )
+    assert model.actuator("L_Knee").forcerange.tolist() == [-250.0, 250.0]
+
+
+def test_skeletons_that_cannot_be() -> None:
+    many = {f"tail_{link}": f"tail_{link - 1}" if link else "Head" for link in range(41)}
+    for parents, reason in (
+        (dict(SMPL.parents) | many, "65 bodies, 64 at most"),
+        (dict(SMPL.parents) | {"L_Knee": "Shin"}, "L_Knee's parent Shin must come before it"),
+    ):
+        with pytest.raises(ValueError, match=f"^skeleton smpl: {reason}"):
+            replace(SMPL, parents=parents)
+
+
+def test_another_skeleton_needs_a_file(smoke_config: Config) -> None:
+    other = replace(SMPL, name="walker")
+    smoke_config.humanoid.skeleton = "walker"
+    with pytest.raises(ConfigurationError) as refused:
+        build(skeleton=other)
+    assert [str(refused.value)] == [*humanoid_file(smoke_config)] == [without_file("walker")]
+    assert str(refused.value) == "humanoid.skeleton: walker is not allowed; allowed: smpl without humanoid.xml"
