@@ -3,10 +3,12 @@
 import math
 import subprocess
 import sys
+from dataclasses import fields
 
 import numpy as np
 import pytest
 
+from romgrl.config.worlds import SpringLeg
 from romgrl.rom import _core
 from romgrl.rom.parameters import SpringLegParameters
 from romgrl.rom.parameters import core_parameters as translated
@@ -158,6 +160,7 @@ def test_random_poses_and_parameters_never_crash(engine: str) -> None:
     code = """
 import sys
 import numpy as np
+from romgrl.config.worlds import SpringLeg
 from romgrl.rom import _core
 from tests.rom.worlds import Worlds, core_parameters, pose
 rng = np.random.default_rng(0)
@@ -188,6 +191,18 @@ print(refused, stepped)
     refused, stepped = map(int, result.stdout.split())
     assert refused > 50
     assert stepped > 100
+
+
+def test_the_schema_has_the_bounds_of_the_core() -> None:
+    """So that what is refused on the command line and what the core refuses are the same."""
+    compared = 0
+    for entry in fields(SpringLeg):
+        if entry.name in _core.PARAMETERS and entry.type != "bool":
+            _, least, most = _core.PARAMETERS[entry.name]
+            low, high, above = (entry.metadata[name] for name in ("low", "high", "above"))
+            assert (above if low is None else low, math.inf if high is None else high) == (least, most), entry.name
+            compared += 1
+    assert compared == 22
 
 
 def test_the_defaults_stand_in_the_core_alone() -> None:
