@@ -20,7 +20,7 @@ ALLOWED: dict[str, set[str]] = {
     "config": set(),
     "runtime": set(),
     "gait": {"errors"},
-    "rom": {"gait"},
+    "rom": {"errors", "gait"},
     "artifacts": {"errors"},
     "algorithms": {"artifacts", "errors", "gait"},
     "humanoid": {"config", "errors", "gait"},

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import Field
+from dataclasses import Field, fields
 from pathlib import Path
 from typing import Any
 
 from romgrl.cli.compose import CONF, compose_config
 from romgrl.config.schema import Config
-from romgrl.config.values import allowed, keys_of, schema_keys, show, value_of
+from romgrl.config.values import KIND, allowed, keys_of, schema_keys, show, value_of
 from romgrl.report.markdown_table import markdown_table
 
 REFERENCE_PAGE = Path(__file__).resolve().parents[2] / "docs" / "configuration.md"
@@ -37,7 +37,7 @@ def group_section(group: str, keys: dict[str, Field[Any]], config: Config) -> st
     rows = []
     for name, entry in keys.items():
         if name.rpartition(".")[0] == group:
-            default = show(value_of(config, name)) if name in keys_of(config) else "of another kind"
+            default = show(value_of(config, name)) if name in keys_of(config) else f"needs {kinds_with(name)}"
             unit = entry.metadata["unit"]
             cells = (
                 f"`{name}`",
@@ -48,6 +48,13 @@ def group_section(group: str, keys: dict[str, Field[Any]], config: Config) -> st
             )
             rows.append(cells)
     return "\n".join([*lines, markdown_table(("key", "meaning", "unit", "values", "default"), rows)])
+
+
+def kinds_with(key: str) -> str:
+    """The choices of the key that decides whether a group has `key`, as in `rom.model=spring_leg`."""
+    group = next(entry for entry in fields(Config) if key.startswith(f"{entry.name}."))
+    kinds = [kind for kind, keys in group.metadata["kinds"].items() if key.rpartition(".")[2] in schema_keys(keys)]
+    return f"{group.name}.{KIND}={'|'.join(kinds)}"
 
 
 def main() -> None:

@@ -1,11 +1,14 @@
 """Paths of a composed configuration from the root on, as seen from where the command was started.
 
-No later change of the working directory moves them, and ~ is expanded once, here.
+No later change of the working directory moves them, and ~ is expanded once, here. A file that is not there may lie
+beside the presets of its group.
 """
 
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
@@ -15,6 +18,7 @@ from romgrl.config.addresses import absolute, absolute_address
 
 PATHS = ("paths.outputs", "humanoid.xml", "hydra.run.dir", "hydra.sweep.dir")
 ADDRESSES = ("tracking.uri",)
+BESIDE_PRESETS = ("humanoid.xml",)  # files that a preset may bring
 
 
 def make_whole(config: DictConfig) -> None:
@@ -29,8 +33,17 @@ def make_whole(config: DictConfig) -> None:
         text = written._value() if written is not None else None
         if isinstance(text, str) and text.isprintable() and text.strip() and not text.startswith("???"):
             rewritten = absolute_address(text) if key in ADDRESSES else whole_path(text, node, leaf)
+            if key in BESIDE_PRESETS and not Path(rewritten).exists():
+                rewritten = next(beside_presets(config, group, text), rewritten)
             if rewritten != text:
                 node[leaf] = rewritten
+
+
+def beside_presets(config: DictConfig, group: str, text: str) -> Iterator[str]:
+    """Yield the files of that name in the directories that presets of the group come from."""
+    for source in config.hydra.runtime.config_sources:
+        if source.schema == "file" and (Path(source.path) / group / text).is_file():
+            yield absolute(str(Path(source.path) / group / text))
 
 
 def whole_path(text: str, node: DictConfig, leaf: str) -> str:

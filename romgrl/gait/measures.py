@@ -12,7 +12,7 @@ from dataclasses import dataclass
 class Measure:
     """What a number is called, its unit and decimals, which way is better ("higher", "lower", None), what it means.
 
-    `swept`: sweeps summarise it over seeds for every walker.
+    `swept`: sweeps summarise it over seeds for every walker. `panel`: reports draw it beside what people do.
     """
 
     label: str
@@ -20,6 +20,7 @@ class Measure:
     decimals: int = 3
     better: str | None = None
     swept: bool = False
+    panel: bool = False
     meaning: str | None = None
 
     @property
@@ -53,12 +54,14 @@ MEASURES = {
         "Hz",
         2,
         swept=True,
+        panel=True,
         meaning="forward swings of each foot per second, median over episodes",
     ),
-    "stride_length_m": Measure("stride length", "m"),
+    "stride_length_m": Measure("stride length", "m", panel=True),
     "duty_factor": Measure(
         "duty factor",
         swept=True,
+        panel=True,
         meaning="share of a stride that a foot touches the ground, from the contacts; below 0.5 it is a run",
     ),
     "left_right_correlation": Measure(
@@ -75,7 +78,7 @@ MEASURES = {
     ),
     "pelvis_height_m": Measure("pelvis height", "m"),
     "pelvis_excursion_m": Measure(
-        "pelvis excursion", "m", swept=True, meaning="highest minus lowest pelvis within a stride"
+        "pelvis excursion", "m", swept=True, panel=True, meaning="highest minus lowest pelvis within a stride"
     ),
     "trunk_lean_deg": Measure(
         "trunk lean",
@@ -100,5 +103,6 @@ MEASURES = {
     "phase_lag_strides": Measure("phase lag", "strides", better="lower"),
 }
 """By column of gait.csv; falls_percent and stride_length_m follow from others."""
+PANELS = tuple(name for name, measure in MEASURES.items() if measure.panel)
 SWEPT = tuple(name for name, measure in MEASURES.items() if measure.swept)
 MEANINGS = {measure.label: measure.meaning for measure in MEASURES.values() if measure.meaning is not None}

@@ -11,6 +11,7 @@ from pathlib import Path
 PACKAGE = Path(__file__).resolve().parents[1]
 CORE = PACKAGE.parent / "cpp"  # in a checkout
 DRAWING = ("romgrl.rom.drawing", "romgrl.humanoid.rendering")
+KEYS = "romgrl.config."  # says which values a key may have; those that it has are in the key of a stage
 PAGE_SUFFIXES = (".css", ".html", ".js")
 
 
@@ -27,7 +28,9 @@ def stage_files(entry: str, *, drawing: bool, package: Path = PACKAGE, core: Pat
     """The files of a stage by name, as in `source_digest`."""
     modules = (entry.partition(":")[0], "romgrl.pipeline.worker")
     files = {name: path for each in modules for name, path in source_files(each, package, core).items()}
-    return {name: path for name, path in files.items() if drawing or name not in DRAWING}
+    return {
+        name: path for name, path in files.items() if not name.startswith(KEYS) and (drawing or name not in DRAWING)
+    }
 
 
 def digest(files: dict[str, Path]) -> str:

@@ -7,11 +7,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from romgrl.gait import human_bands
-from romgrl.gait.measures import MEASURES
+from romgrl.gait.measures import MEASURES, PANELS
 from romgrl.report.numbers import measured
 from romgrl.report.style import COLORS, INK, dress, new_figure
 
-PANELS = ("stride_frequency_hz", "stride_length_m", "duty_factor", "pelvis_excursion_m")
 HUMAN = "#dcdcdc"
 
 

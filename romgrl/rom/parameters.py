@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 from typing import Any, Literal, get_args
 
+from romgrl.errors import ConfigurationError
 from romgrl.rom import _core
 
 Reward = Literal["exponential", "forward_velocity"]
@@ -17,6 +18,8 @@ _RANGES = ("reset_hip_angle", "reset_speed")
 
 
 def _default(name: str) -> Any:
+    if name not in _core.PARAMETERS:
+        raise ConfigurationError(f"rom.{name}: the C++ core was built without it; build it again with `make install`")
     return _core.PARAMETERS[name][0]
 
 

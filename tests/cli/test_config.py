@@ -20,7 +20,7 @@ from romgrl.cli.arguments import faults
 from romgrl.cli.compose import CONF, to_config
 from romgrl.cli.consistency import validate
 from romgrl.config.schema import OPTIONAL_STAGES, STAGES, Config
-from romgrl.config.values import schema_groups, schema_keys, value_of
+from romgrl.config.values import keys_of, schema_groups, schema_keys, value_of
 from romgrl.errors import ConfigurationError
 from romgrl.humanoid.own_body import human_spec
 from romgrl.sweeps.callback import note_sweep
@@ -95,7 +95,7 @@ def test_the_papers_numbers(compose_config: Composer) -> None:
 def test_every_range_is_enforced(compose_config: Composer) -> None:
     """Just outside every bound that the schema has: refused, and the line names key and bound."""
     config, tried = compose_config(), 0
-    for key, entry in schema_keys().items():
+    for key, entry in keys_of(config).items():
         if str(entry.type).startswith("list"):
             continue
         for bound, step in (("low", -1), ("above", 0), ("high", 1)):
