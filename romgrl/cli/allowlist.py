@@ -35,7 +35,7 @@ from romgrl.cli.hydra_internals import (
 from romgrl.cli.typed_text import quote_stored_sweep, quoted
 from romgrl.cli.whole_paths import make_whole
 from romgrl.config.schema import Config
-from romgrl.config.values import KIND, foreign_keys, one_line
+from romgrl.config.values import KIND, first_kind, foreign_keys, one_line
 
 TARGETS = (
     "romgrl.sweeps.callback.SweepCallback",
@@ -166,20 +166,21 @@ class GuardedLoader(ConfigLoaderImpl):
 
 def settle_kinds(config: DictConfig) -> None:
     """Say which kind a group is that does not say it, the first, and leave out the keys of the others."""
-    for group in fields(Config):
-        kinds, place = group.metadata.get("kinds", {}), config.get(group.name)
-        if kinds and isinstance(place, DictConfig) and OmegaConf.is_missing(place, KIND):
-            place[KIND] = next(iter(kinds))
-    for key in foreign_keys(lambda key: chosen_kind(config, key)):
-        group_name, _, name = key.partition(".")
-        place = config.get(group_name)
-        if isinstance(place, DictConfig) and OmegaConf.is_missing(place, name):
-            with open_dict(place):
-                del place[name]
+    for group in (entry for entry in fields(Config) if "kinds" in entry.metadata):
+        place = chosen(config, group.name)
+        if not isinstance(place, DictConfig):
+            continue
+        if OmegaConf.is_missing(place, KIND):
+            place[KIND] = first_kind(f"{group.name}.{KIND}")
+        for key in foreign_keys(lambda key: chosen(config, key)):
+            owner, _, name = key.partition(".")
+            if owner == group.name and OmegaConf.is_missing(place, name):
+                with open_dict(place):
+                    del place[name]
 
 
-def chosen_kind(config: DictConfig, key: str) -> Any:
-    """What a key that chooses a kind says; None where that cannot be resolved, which is told elsewhere."""
+def chosen(config: DictConfig, key: str) -> Any:
+    """What a key says; None where that cannot be resolved, which is told elsewhere."""
     try:
         return OmegaConf.select(config, key, default=None)
     except OmegaConfBaseException:

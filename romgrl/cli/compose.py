@@ -16,7 +16,7 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
 
 from romgrl.cli import search_space
-from romgrl.cli.allowlist import chosen_kind, guard_hydra
+from romgrl.cli.allowlist import chosen, guard_hydra
 from romgrl.cli.consistency import misfits
 from romgrl.cli.hydra_settings import hydra_faults
 from romgrl.config.fields import MISSING
@@ -97,7 +97,7 @@ def read_composed(composed: DictConfig, where: Callable[[str], str] = nowhere) -
     """The configuration, and by key what is wrong with it: values that are bad are missing in the configuration."""
     bad = {name: unknown_key(name, where(name)) for name in added_keys(composed)}
     bad |= broken_groups(composed)
-    foreign = foreign_keys(lambda key: chosen_kind(composed, key))
+    foreign = foreign_keys(lambda key: chosen(composed, key))
     values: dict[str, Any] = {}
     for key, entry in schema_keys().items():
         if key not in foreign:
@@ -114,7 +114,7 @@ def read_composed(composed: DictConfig, where: Callable[[str], str] = nowhere) -
             continue
         if key in foreign:
             if value is not ABSENT:
-                kind = chosen_kind(composed, foreign[key])
+                kind = chosen(composed, foreign[key])
                 bad[key] = f"{key}: {foreign[key]}={kind} has no such key"
         elif value is ABSENT:
             bad[key] = f"{key}: has no value; give it as {key}=...; allowed: {allowed(entry)}"
