@@ -6,7 +6,6 @@ import json
 import os
 import re
 from contextlib import nullcontext
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -19,12 +18,13 @@ from romgrl.cli import consistency, reference_page
 from romgrl.cli.arguments import faults
 from romgrl.cli.compose import CONF, to_config
 from romgrl.cli.consistency import validate
-from romgrl.config.schema import OPTIONAL_STAGES, STAGES, Config
-from romgrl.config.values import schema_groups, schema_keys, value_of
+from romgrl.config.schema import OPTIONAL_STAGES, STAGES
+from romgrl.config.values import schema_groups, schema_keys
 from romgrl.errors import ConfigurationError
 from romgrl.humanoid.own_body import human_spec
 from romgrl.sweeps.callback import note_sweep
 from tests.conftest import Composer
+from tests.helpers.configurations import with_value
 from tests.helpers.jobs import ROOT, Command
 
 FILES = sorted(path for folder in ("conf", "sweeps") for path in (ROOT / folder).rglob("*.yaml"))
@@ -109,12 +109,6 @@ def test_every_range_is_enforced(compose_config: Composer) -> None:
                 validate(with_value(config, key, "other"))
             tried += 1
     assert tried > 300
-
-
-def with_value(config: Config, key: str, value: object) -> Config:
-    """A copy of the configuration with another value at a dotted key."""
-    group, _, leaf = key.rpartition(".")
-    return replace(config, **{group: replace(value_of(config, group), **{leaf: value})} if group else {leaf: value})
 
 
 REFUSED = {

@@ -6,7 +6,6 @@ import io
 import os
 import re
 import signal
-import subprocess
 from collections.abc import Collection
 from concurrent.futures import Future, wait
 from dataclasses import dataclass, replace
@@ -28,11 +27,9 @@ from romgrl.runtime import signals
 from romgrl.tracking.sending.store import PARENT_TAG
 from tests.conftest import Composer
 from tests.helpers.fake_stages import wait_for
-from tests.helpers.jobs import LIGHT, ROOT, Command, start, trainings
+from tests.helpers.jobs import LIGHT, ROOT, TWO, Command, children, start, trainings
 from tests.helpers.limits import LONG, PATIENCE
-from tests.tracking.test_recorder import all_runs
-
-TWO = ("experiment=smoke", "threads=2")
+from tests.helpers.tracked import all_runs
 
 
 @dataclass
@@ -163,14 +160,6 @@ def test_a_process_that_dies_is_named(tmp_path: Path) -> None:
     _, err = job.communicate(timeout=PATIENCE)
     assert job.returncode == 1
     assert re.fullmatch(r"(baseline|teacher): its process ended with SIGKILL\n", err)
-
-
-def children(process: int) -> list[int]:
-    """Process ids of the workers of a job."""
-    listed = subprocess.run(
-        ["ps", "-o", "pid=,args=", "--ppid", str(process)], capture_output=True, text=True, encoding="utf-8"
-    )
-    return [int(line.split()[0]) for line in listed.stdout.splitlines() if "romgrl.pipeline.worker" in line]
 
 
 @pytest.mark.parametrize(("number", "to_all"), [(signal.SIGINT, False), (signal.SIGTERM, True), (signal.SIGHUP, False)])

@@ -20,7 +20,7 @@ from romgrl.humanoid.model import build, configured, dimensions, fingerprint
 from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import evaluation
 from romgrl.stages.wiring.artifact_arrays import DISTANCE_COLUMNS
-from tests.gait.synthetic import DT, run
+from tests.helpers.synthetic_gait import DT, run
 from tests.helpers.walkers import write_walker
 
 
