@@ -13,9 +13,8 @@ ROOT = Path(__file__).resolve().parents[1]
 SOURCES = sorted((ROOT / "romgrl").rglob("*.py"))
 TESTS = sorted((ROOT / "tests").rglob("*.py"))
 BESIDE = [*TESTS, *(ROOT / "docs" / "examples").rglob("*.py")]
-BESIDE += [path for path in (ROOT / "benchmarks").rglob("*.py") if ".peers" not in path.parts]  # not their environments
-    path for path in (ROOT / "benchmarks").rglob("*.py") if ".peers" not in path.parts
-]  # whose environments lie there
+PEERS = ROOT / "benchmarks" / ".peers"  # environments of others
+BESIDE += [path for path in (ROOT / "benchmarks").rglob("*.py") if not path.is_relative_to(PEERS)]
 SHARED = {"helpers", "conftest"}  # what every test may import of tests/
 OPEN = {"tests/humanoid/test_other_body.py"}  # is to be split, and imports from tests/test_examples.py
 LEARNING = {"algorithms"}

@@ -10,6 +10,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 LIGHT = ROOT / "tests" / "helpers" / "light"  # a torch that takes no time to import, for stages that do not use it
+REAL_TORCH = {"PYTHONPATH": str(ROOT), "FAKE_TORCH": "real"}  # variables of a job whose fake stages say torch's threads
 FAKES = ("tests.helpers.fake_stages", "tests.helpers.fake_jobs")
 TWO = ("experiment=smoke", "threads=2")  # stages side by side
 Command = Callable[..., "subprocess.CompletedProcess[str]"]

@@ -2,22 +2,13 @@
 
 from __future__ import annotations
 
-_threads = 0
-
 
 def manual_seed(seed: int) -> None:
     """Seed nothing."""
 
 
 def set_num_threads(threads: int) -> None:
-    """Note the number, which a fake stage writes down."""
-    global _threads
-    _threads = threads
-
-
-def get_num_threads() -> int:
-    """The number that was noted."""
-    return _threads
+    """There are none."""
 
 
 def set_flush_denormal(flush: bool) -> None:
