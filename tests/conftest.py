@@ -8,11 +8,10 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from hydra import compose, initialize_config_dir
 from hydra.core.global_hydra import GlobalHydra
 
 import romgrl.humanoid  # noqa: F401 - MuJoCo, before a test imports it under a MUJOCO_GL that does not work here
-from romgrl.cli.compose import CONF, register_schema, to_config
+from romgrl.cli import compose
 from romgrl.config.schema import Config
 from romgrl.provenance import stage_graph
 from romgrl.runtime import signals
@@ -43,13 +42,7 @@ def signals_as_before() -> Iterator[None]:
 @pytest.fixture(scope="session")
 def compose_config() -> Iterator[Composer]:
     """Compose the configuration that a command line with these overrides would give."""
-    register_schema()
-
-    def composed(*overrides: str) -> Config:
-        with initialize_config_dir(str(CONF), version_base="1.3"):
-            return to_config(compose("config", overrides=list(overrides)))
-
-    yield composed
+    yield compose.compose_config
     GlobalHydra.instance().clear()
 
 

@@ -11,6 +11,11 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 SOURCES = sorted((ROOT / "romgrl").rglob("*.py"))
+TESTS = sorted((ROOT / "tests").rglob("*.py"))
+BESIDE = [*TESTS, *(ROOT / "docs" / "examples").rglob("*.py")]
+PEERS = ROOT / "benchmarks" / ".peers"  # environments of others
+BESIDE += [path for path in (ROOT / "benchmarks").rglob("*.py") if not path.is_relative_to(PEERS)]
+SHARED = {"helpers", "conftest"}  # what every test may import of tests/
 LEARNING = {"algorithms"}
 WIRING = {"__main__", "cli", "sweeps"}
 LOOSE = {"__init__", "__main__", "errors"}  # what stands beside the rooms
@@ -72,14 +77,14 @@ def room(path: Path) -> str:
 def imports(path: Path) -> set[str]:
     """Every imported module, dotted; relative imports made absolute."""
     found: set[str] = set()
-    package = ["romgrl", *path.relative_to(ROOT / "romgrl").parts[:-1]]
+    package = path.relative_to(ROOT).parts[:-1]
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
             base = [*package[: len(package) - node.level + 1]] if node.level else []
             module = ".".join([*base, *(node.module or "").split(".")]).strip(".")
-            found |= {f"{module}.{alias.name}" if module == "romgrl" else module for alias in node.names}
+            found |= {f"{module}.{alias.name}" if module in {"romgrl", "tests"} else module for alias in node.names}
     return found
 
 
@@ -129,6 +134,22 @@ def test_files_and_functions_stay_small(path: Path) -> None:
     for node in ast.walk(ast.parse(text)):
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
             assert (node.end_lineno or 0) - node.lineno < 65, f"{node.name} is too long"
+
+
+def test_files_beside_the_package_stay_small() -> None:
+    lines = {str(path.relative_to(ROOT)): len(path.read_text(encoding="utf-8").splitlines()) for path in BESIDE}
+    assert not {name for name, count in lines.items() if count > 300}
+
+
+def test_tests_share_helpers_and_no_rooms() -> None:
+    """So a test can be moved or split without a look at other rooms: what others use lies in tests/helpers."""
+    foreign = {}
+    for path in TESTS:
+        inside = path.relative_to(ROOT / "tests").parts
+        own = {inside[0]} if len(inside) > 1 else set()
+        used = {name.split(".")[1] for name in imports(path) if name.startswith("tests.")}
+        foreign[str(path.relative_to(ROOT))] = used - SHARED - own
+    assert not {name for name, rooms in foreign.items() if rooms}
 
 
 def test_entry_point_is_under_50_lines() -> None:

@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
-from pathlib import Path
-from types import ModuleType
-
 import pytest
 
 from romgrl.algorithms.adversarial_losses import LOSSES
@@ -14,8 +10,7 @@ from romgrl.cli.arguments import faults
 from romgrl.gait.measures import MEASURES
 from romgrl.humanoid.skeleton import SKELETONS
 from romgrl.provenance.stage_graph import STAGES
-
-EXAMPLES = Path(__file__).resolve().parents[1] / "docs" / "examples"
+from tests.helpers.examples import EXAMPLES, example
 
 
 @pytest.fixture(autouse=True)
@@ -26,16 +21,6 @@ def registries_as_before() -> object:
     for registry, entries in before:
         registry.clear()
         registry.update(entries)
-
-
-def example(name: str) -> ModuleType:
-    """An example as a module."""
-    spec = importlib.util.spec_from_file_location(name, EXAMPLES / f"{name}.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 def test_each_is_short() -> None:

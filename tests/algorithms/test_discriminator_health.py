@@ -15,7 +15,7 @@ from romgrl.stages import student
 from romgrl.stages.training.discriminator_watch import HealthWatch, health_setting
 from tests.algorithms.test_adversarial_losses import gaussian_discriminator
 from tests.conftest import Composer
-from tests.faults.trainings import STUDENT, write_reference
+from tests.helpers.cut_trainings import STUDENT, write_reference
 
 SETTING = TrainingSetting(
     speed=4.0, eta=0.5, reward_limit=3.0, undecided_reward=math.log(2), undecided_loss=2 * math.log(2)

@@ -20,8 +20,8 @@ from romgrl.artifacts import (
     tensor_shapes,
 )
 from romgrl.errors import ArtifactError
-from tests.faults.damage import forge
 from tests.helpers.artifacts import describe, fill
+from tests.helpers.damage import forge
 
 
 @pytest.fixture

@@ -12,7 +12,7 @@ from romgrl.config.schema import Config
 from romgrl.provenance import stage_graph
 from romgrl.runtime.stage_log import StageLog
 from tests.browser.walkers import write_run
-from tests.report.finished import STAGES
+from tests.helpers.finished import STAGES
 
 BLUR = 0.04  # m: noise of the features of a student with eta = 1
 

@@ -13,10 +13,10 @@ from playwright.sync_api import Browser, Frame, Page, expect
 from romgrl.report.terminal_tables import HEADLINE, TRAINING_MINUTES
 from romgrl.tracking.recorder import UI_ADDRESS
 from tests.browser.conftest import SCREENSHOTS
-from tests.faults.ports import free_port
-from tests.faults.servers import answers, process
 from tests.helpers.jobs import start
 from tests.helpers.limits import wait_until
+from tests.helpers.ports import free_port
+from tests.helpers.servers import answers, process
 
 pytestmark = [pytest.mark.slow, pytest.mark.browser]
 

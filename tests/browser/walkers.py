@@ -10,8 +10,8 @@ import numpy as np
 
 from romgrl.gait.features import Gait
 from romgrl.humanoid.model import build
-from tests.gait.synthetic import DT, run
-from tests.report import finished
+from tests.helpers import finished
+from tests.helpers.synthetic_gait import DT, run
 
 EPISODES = 8
 RATES = {"student": 1.8, "baseline": 2.4}  # strides/s; the teacher's are 1.75

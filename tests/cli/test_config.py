@@ -6,7 +6,6 @@ import json
 import os
 import re
 from contextlib import nullcontext
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -19,13 +18,15 @@ from romgrl.cli import consistency, reference_page
 from romgrl.cli.arguments import faults
 from romgrl.cli.compose import CONF, to_config
 from romgrl.cli.consistency import validate
-from romgrl.config.schema import OPTIONAL_STAGES, STAGES, Config
-from romgrl.config.values import keys_of, schema_groups, schema_keys, value_of
+from romgrl.config.schema import OPTIONAL_STAGES, STAGES
+from romgrl.config.values import keys_of, schema_groups, schema_keys
 from romgrl.errors import ConfigurationError
 from romgrl.humanoid.own_body import human_spec
 from romgrl.sweeps.callback import note_sweep
+from tests.cli.loading import composed
 from tests.conftest import Composer
-from tests.helpers.jobs import ROOT, Command
+from tests.helpers.configurations import with_value
+from tests.helpers.jobs import REAL_TORCH, ROOT, Command
 
 FILES = sorted(path for folder in ("conf", "sweeps") for path in (ROOT / folder).rglob("*.yaml"))
 CHOICES = [f"{path.parent.name}={path.stem}" for path in FILES if path.parent.parent == CONF]
@@ -63,6 +64,16 @@ def test_stored_sweeps_compose(name: str, compose_config: Composer) -> None:
         assert sweep.hydra.output_subdir is None
     parameters = OmegaConf.load(ROOT / "sweeps" / f"{name}.yaml").hydra.sweeper.params
     assert set(parameters) <= {*schema_keys(), *schema_groups()}
+
+
+@pytest.mark.parametrize("name", ["paper", "walking"])
+@pytest.mark.parametrize("experiment", ["quickstart", "paper"])
+def test_the_results_are_scored_thoroughly(compose_config: Composer, name: str, experiment: str) -> None:
+    sweep, lines = composed("--config-dir=sweeps", f"--config-name={name}").compose([f"experiment={experiment}"])
+    assert sweep is not None, lines
+    scored = to_config(sweep).evaluation
+    assert (scored.episodes, scored.steps) == (100, 1000)
+    assert scored == compose_config("evaluation=thorough").evaluation
 
 
 def test_the_variants_of_the_discriminator_are_the_default_with_one_change(compose_config: Composer) -> None:
@@ -109,12 +120,6 @@ def test_every_range_is_enforced(compose_config: Composer) -> None:
                 validate(with_value(config, key, "other"))
             tried += 1
     assert tried > 300
-
-
-def with_value(config: Config, key: str, value: object) -> Config:
-    """A copy of the configuration with another value at a dotted key."""
-    group, _, leaf = key.rpartition(".")
-    return replace(config, **{group: replace(value_of(config, group), **{leaf: value})} if group else {leaf: value})
 
 
 REFUSED = {
@@ -172,7 +177,7 @@ def test_cuda_is_refused_where_there_is_none(
 
 @pytest.mark.skipif(consistency.cuda_available(), reason="there is a CUDA device")
 def test_the_command_line_refuses_cuda_before_any_work(command: Command, tmp_path: Path) -> None:
-    result = command("device=cuda")
+    result = command("device=cuda", **REAL_TORCH)
     assert (result.returncode, result.stdout) == (2, "")
     assert result.stderr == "device: cuda is not allowed; allowed: cpu (no CUDA device was found)\n"
     assert not (tmp_path / "outputs").exists()

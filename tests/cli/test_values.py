@@ -11,9 +11,8 @@ import pytest
 from omegaconf import OmegaConf
 from sqlalchemy.engine import make_url
 
-from romgrl.cli.arguments import faults, flags_first, read_options
-from romgrl.cli.compose import CONF
-from romgrl.cli.hydra_loader import Loader, stored_sweep
+from romgrl.cli.arguments import faults, flags_first
+from romgrl.cli.hydra_loader import stored_sweep
 from romgrl.cli.typed_text import is_text, quoted
 from romgrl.config.addresses import (
     absolute_address,
@@ -27,25 +26,20 @@ from romgrl.config.values import kind_of, schema_keys, value_of
 from romgrl.pipeline.run_names import job_title
 from romgrl.results.sweep_record import settings
 from romgrl.tracking.recorder import default_uri, ui_command
+from tests.cli.loading import HEAD, composed
 from tests.conftest import Composer
 
 WORDS = (
     "2026_10_05", "1.10", "1e3", "0x10", "012", "1_000", "+5", "-0", ".5", "5.", "inf", "NaN", "2026-10-05", "1:30",
     "yes", "on", "n", "true", "False", "None", "1.10.2", "7e", "a1",
 )  # fmt: skip
+
 NAMES = (
     "lr=0.1", "größe", "李明", "a,b", "run (1)", "#3", "R&D", "o'brien", "a b", "[x]", "{x}", "a:b", "50%", "@home",
     "!x", "run%41", "a?b", "~/out", "x\\", "a\\'b", "both'\"$", "`x`", ";", "*",
 )  # fmt: skip
+
 FREE = ("paths.outputs", "tracking.experiment", "rom.name", "teacher.name", "student.name", "humanoid.name")
-HEAD = "defaults:\n  - config\n  - _self_\n"
-
-
-def composed(*arguments: str) -> Loader:
-    """What loads a command line that has no faults."""
-    options, lines = read_options(arguments)
-    assert options is not None, lines
-    return Loader(options)
 
 
 def words_for_keys() -> list[dict[str, str]]:
@@ -130,45 +124,6 @@ def test_merged_mappings_keep_their_text(tmp_path: Path) -> None:
     assert config is not None, lines
     assert (config.tracking.experiment, config.tracking.enabled) == ("1.10", False)
     assert config.tracking.uri == f"sqlite:///{os.getcwd()}/x.db"
-
-
-def test_a_preset_without_a_name_has_that_of_its_file(tmp_path: Path) -> None:
-    (tmp_path / "experiment").mkdir()
-    (tmp_path / "experiment" / "mine.yaml").write_text("# @package _global_\nspeed: 3\n", encoding="utf-8")
-    arguments = (f"--config-dir={tmp_path}", "experiment=mine")
-    config, lines = composed(*arguments).compose(arguments[1:])
-    assert config is not None, lines
-    assert (config.experiment, config.speed) == ("mine", 3)
-    assert faults(arguments) == []
-
-
-MINE = {
-    "rom": ("spring_leg", "stiffness: 20000.0"),
-    "teacher": ("ppo", "alpha: 2.0"),
-    "humanoid": ("planar", "mass: 80.0"),
-    "student": ("sac", "gamma: 0.95"),
-    "discriminator": ("paper", "window: 2"),
-    "evaluation": ("quick", "episodes: 8"),
-    "tracking": ("none", "experiment: mine"),
-}
-
-
-def test_a_choice_of_ones_own_in_every_group(tmp_path: Path) -> None:
-    """It needs no name, and nobody has to allow it."""
-    for group, (base, line) in MINE.items():
-        (tmp_path / group).mkdir()
-        text = f"defaults: [{base}, _self_]\n{line}\n"
-        (tmp_path / group / "mine.yaml").write_text(text, encoding="utf-8")
-    choices = [f"{group}=mine" for group in MINE]
-    assert faults([f"--config-dir={tmp_path}", *choices]) == []
-    config, lines = composed(f"--config-dir={tmp_path}").compose(choices)
-    assert config is not None, lines
-    for group, (_, line) in MINE.items():
-        key, _, value = line.partition(": ")
-        assert str(config[group][key]) == value
-        assert config[group].get("name", "mine") == "mine"
-    groups = {path.name for path in CONF.iterdir() if path.is_dir()} - {"experiment", "hydra"}
-    assert groups == MINE.keys()
 
 
 @pytest.mark.parametrize("word", ["2026_10_05", "yes"])
@@ -265,35 +220,6 @@ def test_titles_keep_blanks_together(compose_config: Composer) -> None:
     overrides = ["rom.name='my model, the 2nd'", "seed=3"]
     config = compose_config(*overrides)
     assert job_title("job", config, overrides) == "job v=4 eta=0.5 noise=0.05 s=3 rom.name=my model, the 2nd"
-
-
-HEADERS = {
-    "# mine\n# @package _global_\n": ":2: # @package _global_ does not count: line 1 stands above it; make it",
-    "\ufeff# @package _global_\n": ":1: # @package _global_ does not count: the file starts with a byte order mark",
-    "experiment: mine\n\n#@package _global_\n": ":3: #@package _global_ does not count: line 1 stands above it",
-    "# @package: _global_\n": ":1: # @package: _global_ does not count: write `# @package NAME`",
-    "# @package _global_ # mine\n": ": Too many components in '@package _global_ # mine'; write `# @package",
-}
-
-
-@pytest.mark.parametrize("header", HEADERS)
-def test_a_package_that_does_not_count_is_named(tmp_path: Path, header: str) -> None:
-    path = tmp_path / "experiment" / "mine.yaml"
-    path.parent.mkdir()
-    path.write_text(header + "speed: 3\n", encoding="utf-8")
-    lines = faults([f"--config-dir={tmp_path}", "experiment=mine", "eta=7"])
-    assert [line for line in lines if line.startswith(f"{path}{HEADERS[header]}")], lines
-    assert len(lines) == 2  # eta is told, too
-
-
-def test_a_package_that_counts(tmp_path: Path) -> None:
-    path = tmp_path / "experiment" / "mine.yaml"
-    path.parent.mkdir()
-    path.write_text("\n# @package _global_\n# mine\nexperiment: mine\nspeed: 3\n", encoding="utf-8")
-    assert faults([f"--config-dir={tmp_path}", "experiment=mine"]) == []
-    path.write_text("speed: 3\n", encoding="utf-8")
-    (line,) = faults([f"--config-dir={tmp_path}", "experiment=mine"])
-    assert line.endswith("; the first line of a preset is `# @package _global_`")
 
 
 def test_options_keep_what_they_name(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -7,8 +7,8 @@ import threading
 import time
 from contextlib import suppress
 
-from tests.faults.ports import free_port
 from tests.helpers.limits import PATIENCE
+from tests.helpers.ports import free_port
 
 SLOW_SECONDS = 1.5  # per answer: a store that nobody should wait for
 ONCE = ("swallow", "cut", "late")
@@ -66,6 +66,8 @@ class Proxy:
         with client, suppress(OSError), socket.create_connection(("127.0.0.1", self._target)) as server:
             threading.Thread(target=self._answer, args=(server, client, faults), daemon=True).start()
             while data := client.recv(65536):
+                if self._mode == "refuse":  # it was accepted while the mode changed
+                    return
                 if self._mode in ONCE and self._mark in data:
                     faults.append(self._mode)
                     self._mode = "open"

@@ -14,7 +14,7 @@ from torch import Tensor
 
 from romgrl.artifacts import checkpoint
 from romgrl.artifacts.checkpoint import Checkpoints
-from tests.faults.trainings import digest
+from tests.helpers.cut_trainings import digest
 
 ROWS = 8
 

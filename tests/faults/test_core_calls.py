@@ -19,7 +19,7 @@ from romgrl.humanoid import _core as humanoid_core
 from romgrl.humanoid.model import build
 from romgrl.humanoid.planar_observer import planar_bodies
 from romgrl.rom import _core
-from tests.rom.worlds import Worlds
+from tests.helpers.rom_worlds import Worlds
 
 CALLS = 10_000
 REFUSALS = (ValueError, TypeError, KeyError, OverflowError, IndexError, RuntimeError, MemoryError)

@@ -24,7 +24,7 @@ from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages.training.checkpoints import TrainingCheckpoints
 from tests.conftest import Composer
 from tests.faults.injection import Faults
-from tests.faults.trainings import Recorder, files, train, training
+from tests.helpers.cut_trainings import Recorder, files, train, training
 from tests.helpers.jobs import Command
 
 FAULTS = {"full": errno.ENOSPC, "read-only": errno.EROFS}

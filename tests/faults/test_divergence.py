@@ -20,7 +20,7 @@ from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 from romgrl.rom import _core
 from romgrl.rom.vector_env import SpringLegVectorEnv
 from tests.conftest import Composer
-from tests.faults.trainings import Recorder, train, training
+from tests.helpers.cut_trainings import Recorder, train, training
 
 LEARNED = ("loss", "gradient", "weights")  # one spoils the others within an update of PPO
 BAD = {"nan": float("nan"), "inf": float("inf"), "1e12": 1e12}

@@ -26,9 +26,8 @@ from romgrl.pipeline import run as pipeline
 from romgrl.pipeline.worker import working_lock
 from romgrl.provenance.stage_keys import stage_key
 from tests.helpers import fake_stages
-from tests.helpers.jobs import start, trainings
+from tests.helpers.jobs import TWO, children, start, trainings
 from tests.helpers.limits import LONG, PATIENCE, wait_until
-from tests.pipeline.test_side_by_side import TWO, children
 
 PROCESSES, ROUNDS = 8, 20
 CONTEXT = multiprocessing.get_context("forkserver")

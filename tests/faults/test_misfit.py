@@ -20,7 +20,7 @@ from romgrl.gait.features import CHANNELS
 from romgrl.humanoid import model
 from romgrl.humanoid.model import configured
 from romgrl.stages import evaluation, reference, report, student
-from tests.faults.bench import STEPS, Arrays, Bench, teacher
+from tests.helpers.stage_inputs import STEPS, Arrays, Bench, teacher
 from tests.helpers.walkers import write_walker
 
 

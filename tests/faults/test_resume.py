@@ -19,7 +19,7 @@ from romgrl.stages import student
 from romgrl.stages.training.checkpoints import TrainingCheckpoints
 from romgrl.stages.training.student_statistics import StudentTally
 from tests.conftest import Composer
-from tests.faults.trainings import TOTAL, Recorder, digest, files, train, training
+from tests.helpers.cut_trainings import TOTAL, Recorder, digest, files, train, training
 
 
 @pytest.mark.parametrize("count", [2, pytest.param(10, marks=pytest.mark.slow)])

@@ -12,7 +12,7 @@ from mlflow.entities import Run
 from romgrl.config.schema import STAGES
 from tests.conftest import Command
 from tests.helpers.jobs import trainings
-from tests.tracking.test_recorder import all_runs
+from tests.helpers.tracked import all_runs
 
 SPEEDS, ETAS, SEEDS = (1, 4), (0.3, 0.5), (0, 1)
 JOBS = len(list(product(SPEEDS, ETAS, SEEDS)))

@@ -24,10 +24,10 @@ from romgrl.artifacts import open_artifact
 from romgrl.provenance.stage_graph import STAGES
 from romgrl.tracking.process import BLOCKED_SECONDS
 from romgrl.tracking.recorder import bring_journals, open_recorder
-from tests.faults.ports import free_port
-from tests.faults.servers import mlflow_server, postgresql
 from tests.helpers.jobs import ROOT, trainings
 from tests.helpers.limits import PATIENCE, SLACK
+from tests.helpers.ports import free_port
+from tests.helpers.servers import mlflow_server, postgresql
 
 
 @dataclass

@@ -2,119 +2,21 @@
 
 from __future__ import annotations
 
-import os
 import re
-import shlex
-import signal
-import subprocess
-import sys
-import time
-import urllib.request
-from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 
 from romgrl.errors import TrackingError
 from romgrl.tracking.journal import journals
-from romgrl.tracking.process import BLOCKED_SECONDS
-from romgrl.tracking.recorder import Recorder, bring_journals, default_uri, open_recorder, ui_command
-from tests.faults.ports import free_port
-from tests.faults.runs import FILES, Told, differences, stored
+from romgrl.tracking.recorder import bring_journals
+from tests.faults.proxied import Server, check, connected, process_of, tell
+from tests.faults.runs import Told, stored
 from tests.faults.tcp_proxy import Proxy
-from tests.helpers.jobs import ROOT, start
-from tests.helpers.limits import PATIENCE, SLACK, wait_until
+from tests.helpers.jobs import start
+from tests.helpers.limits import PATIENCE, wait_until
 
 pytestmark = pytest.mark.xdist_group("tracking")  # one server for all of them
-LIMIT = BLOCKED_SECONDS + SLACK  # that a job may be blocked in all
-MLFLOW = str(Path(sys.executable).with_name("mlflow"))
-
-
-@dataclass
-class Server:
-    """A real `mlflow server` with its own database and files."""
-
-    directory: Path
-    port: int
-
-    @property
-    def database(self) -> Path:
-        return self.directory / "server.db"
-
-    def files(self, run_id: str) -> dict[str, bytes]:
-        """Every file of a run."""
-        (root,) = (self.directory / "artifacts").rglob(f"{run_id}/artifacts")
-        return {path.relative_to(root).as_posix(): path.read_bytes() for path in root.rglob("*") if path.is_file()}
-
-
-def listening(port: int) -> bool:
-    try:
-        urllib.request.urlopen(f"http://127.0.0.1:{port}/health", timeout=2).close()
-    except OSError:
-        return False
-    return True
-
-
-@pytest.fixture(scope="module")
-def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
-    directory, port = tmp_path_factory.mktemp("server"), free_port()
-    command = [MLFLOW, "server", "--host", "127.0.0.1", "--port", str(port), "--workers", "1"]
-    command += ["--backend-store-uri", f"sqlite:///{directory}/server.db"]
-    command += ["--artifacts-destination", str(directory / "artifacts")]
-    with (directory / "log").open("w", encoding="utf-8") as log:
-        process = subprocess.Popen(command, stdout=log, stderr=log, start_new_session=True)
-    try:
-        wait_until(lambda: listening(port))
-        yield Server(directory, port)
-    finally:
-        os.killpg(process.pid, signal.SIGKILL)
-        process.wait()
-
-
-@pytest.fixture
-def proxy(server: Server) -> Iterator[Proxy]:
-    proxy = Proxy(server.port)
-    yield proxy
-    proxy.set("refuse")
-
-
-@pytest.fixture
-def told(proxy: Proxy, tmp_path: Path, request: pytest.FixtureRequest) -> Told:
-    """A job that records through the proxy, in an experiment named like the test."""
-    return tell(proxy, tmp_path, request)
-
-
-def tell(proxy: Proxy, outputs: Path, request: pytest.FixtureRequest, mode: str = "open") -> Told:
-    proxy.set(mode)
-    begin = time.perf_counter()
-    recorder = open_recorder(proxy.uri, request.node.name, outputs, enabled=True)
-    return Told(recorder, outputs / "published", blocked=time.perf_counter() - begin)
-
-
-def check(told: Told, server: Server, request: pytest.FixtureRequest, status: str = "FINISHED") -> None:
-    """All that was told is in the store, once, with its files; the job was not held up."""
-    found = stored(server.database, request.node.name)
-    lost, twice = differences(told, found, status)
-    (stage,) = [run_id for name, _, run_id in found.runs if name == "stage"]
-    files = server.files(stage) if status == "FINISHED" else {}
-    assert files == (FILES if status == "FINISHED" else {})
-    print(
-        f"{request.node.name}: {len(told.points)} points, {len(found.runs)} runs, {len(files)} files: "
-        f"{lost} lost, {twice} twice, blocked {told.blocked:.2f} s"
-    )
-    assert (lost, twice) == (0, 0)
-    assert told.blocked <= LIMIT
-    assert journals(told.directory.parent) == []
-
-
-def connected(told: Told) -> bool:
-    return len(process_of(told.recorder).run_ids) == 2
-
-
-def process_of(recorder: Recorder):  # type: ignore[no-untyped-def]
-    assert recorder.process is not None
-    return recorder.process
 
 
 @pytest.mark.slow
@@ -246,70 +148,6 @@ def test_a_request_that_arrives_after_it_was_given_up(
     assert stored(server.database, request.node.name).deleted == 1
 
 
-@pytest.mark.slow
-def test_the_process_of_mlflow_is_killed(told: Told, server: Server, request: pytest.FixtureRequest) -> None:
-    told.start()
-    wait_until(lambda: connected(told))
-    told.steps(0, 50)
-    process_of(told.recorder).kill()
-    told.steps(50, 100)
-    told.finish()
-    later = open_recorder(told.recorder.uri, request.node.name + " later", told.directory.parent, enabled=True)
-    assert later is not told.recorder
-    wait_until(lambda: len(journals(told.directory.parent)) == 1)  # a later job brings what is left, too
-    later.close()
-    check(told, server, request)
-
-
-@pytest.mark.slow
-def test_the_process_of_mlflow_stands_still(
-    told: Told, server: Server, request: pytest.FixtureRequest, capsys: pytest.CaptureFixture[str]
-) -> None:
-    told.start()
-    wait_until(lambda: connected(told))
-    os.kill(process_of(told.recorder)._process.pid, signal.SIGSTOP)
-    told.steps(0, 100)
-    told.finish()
-    assert capsys.readouterr().err.count("failed (no answer); going on") == 1
-    process_of(told.recorder).kill()
-    bring_journals(None, told.directory.parent)
-    check(told, server, request)
-
-
-JOB = """
-import os, signal, sys, time
-from pathlib import Path
-from romgrl.tracking.recorder import open_recorder
-from tests.faults.runs import Told
-recorder = open_recorder(sys.argv[1], sys.argv[2], Path(sys.argv[3]), enabled=True)
-told = Told(recorder, Path(sys.argv[3]) / "published")
-told.start()
-told.steps(0, 50)
-assert not str(told.stage.run_id).startswith("local:")
-told.steps(50, 100)
-os.kill(recorder.process._process.pid, signal.SIGKILL)
-os.kill(os.getpid(), signal.SIGKILL)
-"""
-
-
-@pytest.mark.slow
-def test_the_job_and_its_process_are_killed(
-    told: Told, proxy: Proxy, server: Server, tmp_path: Path, request: pytest.FixtureRequest
-) -> None:
-    outputs = tmp_path / "killed"
-    command = [sys.executable, "-c", JOB, proxy.uri, request.node.name, str(outputs)]
-    ended = subprocess.run(command, cwd=ROOT, env=os.environ | {"PYTHONPATH": str(ROOT)}, timeout=PATIENCE, check=False)
-    assert ended.returncode == -signal.SIGKILL
-    (path,) = journals(outputs)
-    with path.open("ab") as torn:
-        torn.write(b'{"run": "')
-    assert len(bring_journals(None, outputs)) == 2
-    told.expect(0, 100)
-    told.directory = outputs / "published"
-    check(told, server, request, "KILLED")
-    told.recorder.close()
-
-
 def test_command_line(proxy: Proxy, server: Server, tmp_path: Path) -> None:
     """A stage without its server, and what it prints; then `stage=sync` while it is away, and when it is back."""
     outputs = f"paths.outputs={tmp_path}/outputs"
@@ -332,33 +170,3 @@ def test_command_line(proxy: Proxy, server: Server, tmp_path: Path) -> None:
     assert sorted(name.split()[0] for name in runs) == ["job", "teacher"]
     assert [f"{local[0]} is {teacher}: "] == re.findall(rf"{local[0]} is \w+: ", out)
     assert {"manifest.json", "data.npz"} <= server.files(teacher).keys()
-
-
-@pytest.mark.slow
-def test_the_line_that_is_printed_listens_on_loopback_only(tmp_path: Path) -> None:
-    port = free_port()
-    program, *rest = shlex.split(ui_command(default_uri(tmp_path)))
-    command = [MLFLOW if program == "mlflow" else program, *rest, "--port", str(port)]
-    environment = os.environ | {"MLFLOW_HOST": "0.0.0.0", "MLFLOW_WORKERS": "1"}
-    with (tmp_path / "log").open("w", encoding="utf-8") as log:
-        process = subprocess.Popen(command, stdout=log, stderr=log, start_new_session=True, env=environment)
-    try:
-        wait_until(lambda: listening(port))
-        addresses = listeners(port)
-    finally:
-        os.killpg(process.pid, signal.SIGKILL)
-        process.wait()
-    print(f"{shlex.join(command)}: {len(addresses)} listening sockets, {addresses}")
-    assert addresses == {"0100007F"}  # 127.0.0.1, and nothing in tcp6
-
-
-def listeners(port: int) -> set[str]:
-    """Addresses that a port of this machine is listened to on, as the kernel writes them."""
-    found = set()
-    for table in ("/proc/net/tcp", "/proc/net/tcp6"):
-        for line in Path(table).read_text(encoding="utf-8").splitlines()[1:]:
-            _, local, _, state, *_ = line.split()
-            address, _, number = local.partition(":")
-            if int(number, 16) == port and state == "0A":
-                found.add(address)
-    return found

@@ -3,7 +3,7 @@ import pytest
 
 from romgrl.gait import alignment
 from romgrl.gait.features import CHANNELS, Floats, Gait, gait_from_reference, gait_from_rollouts
-from tests.gait.synthetic import DT, run
+from tests.helpers.synthetic_gait import DT, run
 
 
 def gait(features: Floats, fallen: int = 0) -> Gait:

@@ -12,7 +12,7 @@ from romgrl.gait import mmd
 from romgrl.gait.distances import ALL, measure_distances, wasserstein
 from romgrl.gait.dtw import warped_distance
 from romgrl.gait.features import CHANNELS, MIRROR, Floats, Gait
-from tests.gait.synthetic import DT, run
+from tests.helpers.synthetic_gait import DT, run
 
 
 def gait(features: Floats, fallen: int = 0) -> Gait:

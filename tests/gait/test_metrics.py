@@ -4,7 +4,7 @@ import pytest
 from romgrl.gait import human_bands, metrics
 from romgrl.gait.features import Gait
 from romgrl.gait.measures import MEASURES
-from tests.gait.synthetic import DT, run
+from tests.helpers.synthetic_gait import DT, run
 
 
 @pytest.mark.parametrize("frequency", [0.8, 1.0, 1.73, 2.55, 3.4])

@@ -27,7 +27,7 @@ ROBUSTNESS = {"robustness.csv": FELL, "floquet.csv": "rank,modulus,low,high\n1,0
 
 def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog) -> None:
     """Write an array, a curve and, for the evaluation, its tables."""
-    torch = sys.modules.get("torch")  # in the process of a worker
+    torch = sys.modules.get("torch")
     stage = output.parent.name
     note(output, "calls.txt", stage, config.speed, config.eta, config.seed)
     start = time.time()
@@ -45,7 +45,7 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
     for step in range(3):
         log.progress(step, 3, loss=1.0)
         log.metrics({"loss": float(step)}, step * 10)
-    given = torch.get_num_threads() if torch is not None else config.threads
+    given = torch.get_num_threads() if hasattr(torch, "get_num_threads") else "none"  # its stand-in has no threads
     note(output, "times.txt", stage, start, time.time(), os.getpid(), config.threads, given)
     numbers = np.array([config.speed, config.eta, config.seed, config.teacher.speed])
     save_arrays(output / "data.npz", {"x": np.arange(4.0), "numbers": numbers, "upstream": np.array(sorted(inputs))})
@@ -92,7 +92,8 @@ def main() -> None:
     from romgrl.__main__ import main as romgrl
 
     install()
-    do_without_torch()
+    if os.environ.get("FAKE_TORCH") != "real":
+        do_without_torch()
     romgrl()
 
 

@@ -25,7 +25,7 @@ from romgrl.humanoid.skeleton import SKELETON_TEXT, SKELETONS, SMPL, skeleton_of
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 from romgrl.report import film
 from romgrl.report.page import scene
-from tests.test_examples import example
+from tests.helpers.examples import example
 
 LEGS = ("thigh_left", "shin_left", "foot_left", "thigh_right", "shin_right", "foot_right")
 STANDING = 0.9  # height of the pelvis, m

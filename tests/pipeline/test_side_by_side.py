@@ -6,7 +6,6 @@ import io
 import os
 import re
 import signal
-import subprocess
 from collections.abc import Collection
 from concurrent.futures import Future, wait
 from dataclasses import dataclass, replace
@@ -28,11 +27,9 @@ from romgrl.runtime import signals
 from romgrl.tracking.sending.store import PARENT_TAG
 from tests.conftest import Composer
 from tests.helpers.fake_stages import wait_for
-from tests.helpers.jobs import LIGHT, ROOT, Command, start, trainings
+from tests.helpers.jobs import LIGHT, REAL_TORCH, ROOT, TWO, Command, children, start, trainings
 from tests.helpers.limits import LONG, PATIENCE
-from tests.tracking.test_recorder import all_runs
-
-TWO = ("experiment=smoke", "threads=2")
+from tests.helpers.tracked import all_runs
 
 
 @dataclass
@@ -43,7 +40,7 @@ class Training:
     end: float
     process: int
     threads: int
-    torch_threads: int
+    torch_threads: int | None  # none where no torch was there
 
 
 def times(outputs: Path) -> dict[str, Training]:
@@ -51,7 +48,9 @@ def times(outputs: Path) -> dict[str, Training]:
     found = {}
     for line in (outputs / "artifacts" / "times.txt").read_text(encoding="utf-8").splitlines():
         stage, begin, end, *numbers = line.split()
-        found[stage] = Training(float(begin), float(end), *map(int, numbers))
+        process, threads, given = numbers
+        torch_threads = None if given == "none" else int(given)
+        found[stage] = Training(float(begin), float(end), int(process), int(threads), torch_threads)
     return found
 
 
@@ -74,7 +73,7 @@ def test_threads_are_shared_by_stages_that_can_run_side_by_side() -> None:
 
 
 def test_the_baseline_trains_beside_the_others(command: Command, tmp_path: Path) -> None:
-    result = command(*TWO, "tracking=none", FAKE_SECONDS="1", PYTHONPATH=str(ROOT))  # torch itself says its threads
+    result = command(*TWO, "tracking=none", FAKE_SECONDS="1", **REAL_TORCH)
     assert (result.returncode, result.stderr) == (0, "")
     found = times(tmp_path / "outputs")
     teacher, reference, student, baseline = (found[name] for name in ("teacher", "reference", "student", "baseline"))
@@ -163,14 +162,6 @@ def test_a_process_that_dies_is_named(tmp_path: Path) -> None:
     _, err = job.communicate(timeout=PATIENCE)
     assert job.returncode == 1
     assert re.fullmatch(r"(baseline|teacher): its process ended with SIGKILL\n", err)
-
-
-def children(process: int) -> list[int]:
-    """Process ids of the workers of a job."""
-    listed = subprocess.run(
-        ["ps", "-o", "pid=,args=", "--ppid", str(process)], capture_output=True, text=True, encoding="utf-8"
-    )
-    return [int(line.split()[0]) for line in listed.stdout.splitlines() if "romgrl.pipeline.worker" in line]
 
 
 @pytest.mark.parametrize(("number", "to_all"), [(signal.SIGINT, False), (signal.SIGTERM, True), (signal.SIGHUP, False)])

@@ -7,12 +7,15 @@ import signal
 import time
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
+import torch
 
 from romgrl.config.schema import Config
-from romgrl.pipeline.worker import Worker
+from romgrl.pipeline.worker import Worker, prepare
 from romgrl.runtime.stage_log import SilentLog, StageLog
 from tests.helpers.limits import PATIENCE
 
@@ -76,3 +79,35 @@ def test_a_process_that_does_not_end_is_killed(
     os.kill(worker._process.pid, signal.SIGSTOP)
     worker.close()
     assert worker._process.returncode == -signal.SIGKILL
+
+
+def vanishes() -> bool:
+    """Whether a number below the normal ones is taken for zero."""
+    return (torch.tensor([1e-38]) / 10).item() == 0.0
+
+
+@pytest.fixture
+def torch_as_before() -> Iterator[None]:
+    """Threads, rounding and random numbers of this process are after the test what they were."""
+    threads, flushed, drawn = torch.get_num_threads(), vanishes(), torch.get_rng_state()
+    numbers = np.random.get_state()  # noqa: NPY002
+    yield
+    torch.set_num_threads(threads)
+    torch.set_flush_denormal(flushed)
+    torch.set_rng_state(drawn)
+    np.random.set_state(numbers)  # noqa: NPY002
+
+
+@pytest.mark.usefixtures("torch_as_before")
+def test_every_stage_starts_alike(smoke_config: Config) -> None:
+    """Whatever ran before: the random numbers of its seed, its number of threads, and numbers that vanish."""
+    drawn = []
+    for seed, threads in ((3, 2), (3, 1), (4, 1)):
+        torch.set_flush_denormal(False)
+        assert not vanishes()
+        prepare(replace(smoke_config, seed=seed, threads=threads))
+        assert torch.get_num_threads() == threads
+        assert vanishes()
+        drawn.append((torch.rand(()).item(), np.random.random()))  # noqa: NPY002
+    assert drawn[0] == drawn[1]
+    assert set(drawn[0]).isdisjoint(drawn[2])

@@ -25,11 +25,10 @@ from romgrl.report.numbers import measured
 from romgrl.report.terminal_tables import read_rows
 from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import pretrained as stages
-from tests.cli.test_config import with_value
 from tests.conftest import Composer
+from tests.helpers import untrained
+from tests.helpers.configurations import all_keys, with_value
 from tests.helpers.walkers import write_walker
-from tests.pretrained import untrained
-from tests.provenance.test_stage_keys import all_keys
 
 SMALL = ("experiment=smoke", "stage=evaluation", "tracking=none", "threads=1")
 PRESET = ("student=pretrained", *SMALL)

@@ -13,10 +13,10 @@ from romgrl.humanoid.own_body import human_spec
 from romgrl.provenance import shipped, source_digest, stage_keys
 from romgrl.provenance.stage_graph import STAGES
 from romgrl.provenance.stage_keys import NAME_KEYS, stage_key
-from tests.cli.test_config import with_value
 from tests.conftest import Composer
-from tests.pretrained.untrained import write_shipped
-from tests.provenance.test_stage_keys import all_keys, different
+from tests.helpers.configurations import all_keys, with_value
+from tests.helpers.untrained import write_shipped
+from tests.provenance.test_stage_keys import different
 
 COSMETIC = {"stage", "threads", "parallel_stages", "checkpoint_seconds", "experiment", "paths.outputs", *NAME_KEYS}
 KINDS = {"Python": {".py"}, "C++": {".cpp", ".hpp", ".txt"}, "built": {".so"}}

@@ -16,6 +16,7 @@ from romgrl.humanoid.own_body import human_spec
 from romgrl.provenance.stage_graph import STAGES
 from romgrl.provenance.stage_keys import body_digests, require_same_body, stage_key
 from tests.conftest import Composer
+from tests.helpers.configurations import all_keys
 
 ALL = set(STAGES)
 STUDENT = {"student", "evaluation", "report", "robustness"}
@@ -47,14 +48,6 @@ TABLE = {
     "paths.outputs=/elsewhere": set(),
 }
 MESH = "v 0 0 0\nv 0.1 0 0\nv 0 0.1 0\nv 0 0 0.1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
-
-
-def all_keys(config: Config) -> dict[str, str]:
-    """The key of every stage, with the keys of the stages that it reads in the place of their digests."""
-    found: dict[str, str] = {}
-    for name, stage in STAGES.items():
-        found[name] = stage_key(name, config, {upstream: found[upstream] for upstream in stage.upstream})
-    return found
 
 
 @pytest.mark.parametrize("override", TABLE)

@@ -19,7 +19,7 @@ from romgrl.rom.drawing import GROUND, draw
 from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import report
 from romgrl.stages.wiring.rom import rom_parameters
-from tests.gait.synthetic import DT, run
+from tests.helpers.synthetic_gait import DT, run
 
 
 def test_the_teacher_stands_where_the_humanoid_does(smoke_config: Config) -> None:

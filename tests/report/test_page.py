@@ -15,7 +15,7 @@ from romgrl.gait.features import Gait
 from romgrl.humanoid.model import build
 from romgrl.humanoid.skeleton import SMPL
 from romgrl.report.page import charts, html, intervals, scene, strides, tables
-from tests.gait.synthetic import DT, run
+from tests.helpers.synthetic_gait import DT, run
 
 RATE = 1.5  # strides/s: 20 steps each at 30 Hz
 

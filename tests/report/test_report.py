@@ -22,8 +22,8 @@ from romgrl.humanoid.skeleton import SMPL
 from romgrl.report import figures, film, markdown_report, style, tables
 from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import report
-from tests.gait.synthetic import DT, run
-from tests.report import finished
+from tests.helpers import finished
+from tests.helpers.synthetic_gait import DT, run
 
 BLUE, ORANGE, GREEN = "#0072b2", "#d55e00", "#009e73"
 

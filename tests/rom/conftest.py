@@ -2,11 +2,11 @@
 
 import pytest
 
-from tests.rom import worlds
+from tests.helpers import rom_worlds
 
 
 @pytest.fixture(params=["box2d", "native"])
 def engine(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
     """The engine's name; worlds of `core_parameters` have it."""
-    monkeypatch.setattr(worlds, "ENGINE", request.param)
+    monkeypatch.setattr(rom_worlds, "ENGINE", request.param)
     return str(request.param)

@@ -9,7 +9,7 @@ import pytest
 from romgrl.rom import _core
 from romgrl.rom.observation import OBSERVATION_NAMES, mirror
 from tests.helpers.limits import PATIENCE
-from tests.rom.worlds import FEET, Worlds, core_parameters, pose
+from tests.helpers.rom_worlds import FEET, Worlds, core_parameters, pose
 
 pytestmark = pytest.mark.usefixtures("engine")
 
@@ -172,7 +172,7 @@ def test_forked_child_steps_on_without_threads(engine: str) -> None:
 import os
 import sys
 import numpy as np
-from tests.rom.worlds import Worlds, core_parameters
+from tests.helpers.rom_worlds import Worlds, core_parameters
 worlds = Worlds(core_parameters(engine_is_native=sys.argv[1] == "native"), 40, 3)
 worlds.step()
 child = os.fork()

@@ -14,7 +14,7 @@ from romgrl.rom.parameters import SpringLegParameters
 from romgrl.rom.parameters import core_parameters as translated
 from romgrl.rom.vector_env import SpringLegVectorEnv
 from tests.helpers.limits import PATIENCE
-from tests.rom.worlds import Worlds, core_parameters, pose
+from tests.helpers.rom_worlds import Worlds, core_parameters, pose
 
 
 @pytest.mark.parametrize(
@@ -162,7 +162,7 @@ import sys
 import numpy as np
 from romgrl.config.worlds import SpringLeg
 from romgrl.rom import _core
-from tests.rom.worlds import Worlds, core_parameters, pose
+from tests.helpers.rom_worlds import Worlds, core_parameters, pose
 rng = np.random.default_rng(0)
 wild = lambda *size: rng.choice([-1e300, -1e9, -999.0, -1.0, 0.0, 1e-300, 0.5, 3.0, 999.0, 1e9, np.nan, np.inf], size)
 refused = stepped = 0

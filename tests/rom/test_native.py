@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tests.rom.worlds import Worlds, core_parameters, pose
+from tests.helpers.rom_worlds import Worlds, core_parameters, pose
 
 LENGTH, RADIUS = 0.865, 0.072
 Array = NDArray[Any]

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from tests.rom.worlds import GRAVITY, SUBSTEPS_PER_SECOND, Worlds, core_parameters, passive, pose, run
+from tests.helpers.rom_worlds import GRAVITY, SUBSTEPS_PER_SECOND, Worlds, core_parameters, passive, pose, run
 
 pytestmark = pytest.mark.usefixtures("engine")
 

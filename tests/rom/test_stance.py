@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from tests.rom.worlds import GRAVITY, passive, pose, run
+from tests.helpers.rom_worlds import GRAVITY, passive, pose, run
 
 pytestmark = pytest.mark.usefixtures("engine")
 

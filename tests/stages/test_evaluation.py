@@ -22,7 +22,7 @@ from romgrl.stages import evaluation
 from romgrl.stages.rollouts import humanoid
 from romgrl.stages.rollouts.humanoid import roll_out
 from romgrl.stages.wiring.artifact_arrays import DISTANCE_COLUMNS
-from tests.gait.synthetic import DT, run
+from tests.helpers.synthetic_gait import DT, run
 from tests.helpers.walkers import write_walker
 
 

@@ -11,7 +11,7 @@ from romgrl.rom.parameters import SpringLegParameters
 from romgrl.rom.return_map import FOOT, SIDES, Crossing, StrideMap, Walkers
 from romgrl.stages.rollouts import orbital_stability
 from romgrl.stages.rollouts.orbital_stability import free_coordinates, teacher_multipliers
-from tests.rom.test_return_map import scissors
+from tests.helpers.scissors import scissors
 
 
 class Linear:

@@ -15,7 +15,7 @@ from romgrl.report.terminal_tables import robustness_metrics
 from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import robustness
 from tests.conftest import Composer
-from tests.faults.bench import teacher as write_teacher
+from tests.helpers.stage_inputs import teacher as write_teacher
 from tests.helpers.walkers import write_walker
 
 COLUMNS = [

@@ -26,11 +26,7 @@ from romgrl.tracking.sending.failures import RefusedError
 from romgrl.tracking.sending.store import PARENT_TAG, Store
 from tests.helpers.jobs import ROOT, Command, start
 from tests.helpers.limits import PATIENCE, wait_until
-
-
-def all_runs(outputs: Path) -> list[Run]:
-    client = MlflowClient(tracking_uri=default_uri(outputs))
-    return list(client.search_runs([client.get_experiment_by_name("romgrl").experiment_id], max_results=1000))
+from tests.helpers.tracked import all_runs
 
 
 def only_run(outputs: Path) -> Run:

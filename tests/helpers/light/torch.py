@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-_threads = 0
-
 
 class cuda:
     """No device."""
@@ -19,14 +17,7 @@ def manual_seed(seed: int) -> None:
 
 
 def set_num_threads(threads: int) -> None:
-    """Note the number, which a fake stage writes down."""
-    global _threads
-    _threads = threads
-
-
-def get_num_threads() -> int:
-    """The number that was noted."""
-    return _threads
+    """There are none."""
 
 
 def set_flush_denormal(flush: bool) -> None:

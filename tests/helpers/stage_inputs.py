@@ -19,7 +19,7 @@ from romgrl.humanoid.model import configured
 from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import evaluation, reference, report, student
 from romgrl.stages.wiring.artifact_arrays import DISTANCE_COLUMNS
-from tests.gait.synthetic import DT, run
+from tests.helpers.synthetic_gait import DT, run
 from tests.helpers.walkers import write_walker
 
 Arrays = dict[str, Any]

@@ -17,8 +17,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.faults.ports import free_port
 from tests.helpers.limits import wait_until
+from tests.helpers.ports import free_port
 
 UNPRIVILEGED = "nobody"  # runs PostgreSQL where the tests run as root, which it refuses
 
