@@ -25,7 +25,7 @@ ALLOWED: dict[str, set[str]] = {
     "config": set(),
     "runtime": set(),
     "gait": {"errors"},
-    "rom": {"errors", "gait"},
+    "rom": {"config", "errors", "gait"},
     "artifacts": {"errors"},
     "algorithms": {"artifacts", "errors", "gait"},
     "humanoid": {"config", "errors", "gait"},

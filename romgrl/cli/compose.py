@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import fields
 from functools import cache
 from pathlib import Path
@@ -41,6 +42,7 @@ HERE = Path(__file__).resolve().parents[1]
 CONF = HERE / "conf" if (HERE / "conf").is_dir() else HERE.parent / "conf"  # installed, or in a checkout
 COMPOSITION_ERRORS = (HydraException, OmegaConfBaseException)
 ABSENT = object()
+MOST_TOLD = 5  # keys of a group without a value that get a line each
 
 
 def register_schema() -> None:
@@ -99,6 +101,7 @@ def read_composed(composed: DictConfig, where: Callable[[str], str] = nowhere) -
     bad |= broken_groups(composed)
     foreign = foreign_keys(lambda key: chosen(composed, key))
     values: dict[str, Any] = {}
+    absent: list[str] = []
     for key, entry in schema_keys().items():
         if key not in foreign:
             values[key] = MISSING
@@ -118,11 +121,24 @@ def read_composed(composed: DictConfig, where: Callable[[str], str] = nowhere) -
                 bad[key] = f"{key}: {foreign[key]}={kind} has no such key"
         elif value is ABSENT:
             bad[key] = f"{key}: has no value; give it as {key}=...; allowed: {allowed(entry)}"
+            absent.append(key)
         elif fits(value, entry):
             values[key] = convert(value, entry)
         else:
             bad[key] = bad_value(key, value)
-    return assemble_config(values), bad
+    return assemble_config(values), bad | gathered(absent)
+
+
+def gathered(absent: Sequence[str]) -> dict[str, str]:
+    """One line instead of many for a group of which many keys have no value."""
+    lines: dict[str, str] = {}
+    groups = Counter(key.partition(".")[0] for key in absent)
+    for group in (group for group, count in groups.items() if count > MOST_TOLD):
+        keys = [key for key in absent if key.startswith(f"{group}.")]
+        others = f"as {groups[group] - 1} others of `{group}`"
+        start = "a file that says only what differs starts with `defaults: [NAME, _self_]`"
+        lines |= dict.fromkeys(keys, "") | {keys[0]: f"{keys[0]}: has no value, {others}; {start}"}
+    return lines
 
 
 def as_python(value: Any) -> Any:

@@ -126,22 +126,20 @@ def critic(config: Config) -> Iterator[str]:
 
 
 def reduced_order_model(config: Config) -> Iterator[str]:
-    """The reduced-order model can be, with the humanoid's sizes: it says which of its parameters is at fault."""
-    from romgrl.humanoid.model import configured, dimensions
-    from romgrl.humanoid.process_settings import set_up_mujoco
-    from romgrl.rom.registry import MODELS, parameters_of
+    """The reduced-order model can be: it says which of its parameters is at fault.
 
-    set_up_mujoco()
-    try:
-        parameters = parameters_of(config.rom, dimensions(configured(config.humanoid)))
-    except ConfigurationError:
-        return  # `humanoid_file` says why
-    for name, permitted in MODELS[config.rom.model].faults(parameters, config.humanoid.control_frequency):
-        yield refusal(f"rom.{name}", getattr(parameters, name, None), permitted)
+    MuJoCo, which knows the humanoid's sizes, is not imported: where they are taken from it, the model's own stand here,
+    and the stages, which know them, ask again.
+    """
+    from romgrl.rom.registry import parameters_of, refused_parameters
+
+    mass = config.humanoid.mass if config.humanoid.xml is None else None
+    parameters = parameters_of(config.rom, {"mass": mass})
+    yield from refused_parameters(config.rom.model, parameters, config.humanoid.control_frequency)
 
 
 def humanoid_file(config: Config) -> Iterator[str]:
-    """The file of the humanoid is one."""
+    """The file of the humanoid is one; MuJoCo is imported only where there is one to read."""
     humanoid, name = config.humanoid, config.humanoid.skeleton
     if humanoid.xml is None:
         if name != SKELETONS[0]:

@@ -86,7 +86,7 @@ def run(
         for table in STAGES[stage].shown(directory):
             console.print(table)
     if "report" in job.finished:
-        job.say(f"figures and films: {job.finished['report']}")
+        job.say(f"report: {job.finished['report'] / 'report.html'}, figures and films beside it")
     if recorder.journal is not None:
         job.say(f"compare runs: {ui_command(recorder.uri)}")
         if recorder.experiment_id is not None:

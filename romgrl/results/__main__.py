@@ -22,7 +22,11 @@ def main(arguments: Sequence[str]) -> int:
     protect()
     parser = ArgumentParser("python -m romgrl.results", description="Write documents from the sweeps of a directory.")
     parser.add_argument("outputs", type=directory, help="the directory of results, as in paths.outputs")
-    parser.add_argument("docs", type=Path, help="where results.md goes, and results/ with the tables and figures")
+    parser.add_argument(
+        "docs",
+        type=Path,
+        help="where results.md goes, in place of one that is there, and results/ with the tables and figures",
+    )
     readme = "a file: the table of the paper's sweep goes between its <!-- results --> and <!-- end of results -->"
     parser.add_argument("readme", type=Path, nargs="?", help=readme)
     chosen = parser.parse_args(arguments)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from romgrl.config.values import refusal
 from romgrl.rom import drawing, parameters
 from romgrl.rom.interface import RomVectorEnv
 from romgrl.rom.vector_env import SpringLegVectorEnv
@@ -36,12 +37,21 @@ MODELS: dict[str, ReducedOrderModel] = {
 }
 
 
-def parameters_of(rom: Any, body: Any) -> Any:
-    """Parameters of the model that the group `rom` of a configuration chooses; what is null there is the body's.
+def parameters_of(rom: Any, sizes: Mapping[str, float | None]) -> Any:
+    """Parameters of the model that the group `rom` of a configuration chooses.
 
-    body: has `mass`, kg, `leg_length` and `ankle_height`, m.
+    sizes: of the humanoid, for what is null there: mass, kg, leg_length and foot_radius, m. Those that it lacks, or
+    that are None, stand at the model's own.
     """
     values = {name: value for name, value in vars(rom).items() if name not in ("name", "model")}
-    sizes = {"mass": body.mass, "leg_length": body.leg_length, "foot_radius": body.ankle_height}
     values |= {name: size for name, size in sizes.items() if values[name] is None}
-    return MODELS[rom.model].parameters(**values)
+    shared = ("mass", "leg_length", "foot_radius")
+    return MODELS[rom.model].parameters(
+        **{name: value for name, value in values.items() if value is not None or name not in shared}
+    )
+
+
+def refused_parameters(model: str, parameters: Any, control_frequency: float) -> Iterator[str]:
+    """Yield the line of each parameter of a model that cannot be at a control frequency, Hz."""
+    for name, permitted in MODELS[model].faults(parameters, control_frequency):
+        yield refusal(f"rom.{name}", getattr(parameters, name, None), permitted)

@@ -45,7 +45,7 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
 
 
 def write_reference(path: Path, gait: Gait, *, speed: float, steps: int) -> None:
-    """reference.npz: the first `steps` valid steps, one episode after the other."""
+    """reference.npz: the first `steps` valid steps, one episode after the other, and how many episodes fell."""
     assert gait.velocity is not None
     assert gait.contact is not None
     save_arrays(
@@ -55,6 +55,7 @@ def write_reference(path: Path, gait: Gait, *, speed: float, steps: int) -> None
             "episode": np.nonzero(gait.valid)[0][:steps].astype(np.int32),
             "contact": gait.contact[gait.valid][:steps],
             "velocity": gait.velocity[gait.valid][:steps].astype(np.float32),
+            "falls": float(gait.fallen.sum()),
             "channels": np.array(CHANNELS),
             "dt": gait.dt,
             "speed": speed,

@@ -62,7 +62,8 @@ def write_page(
         headline=markdown_report.summary(errors, gaits),
         setting=markdown_report.setup_of(facts),
         played=played(tracks, walkers, teacher.dt, config.evaluation.window),
-        counted=", ".join(f"{average.strides:,} strides of the {name}" for name, average in there.items()),
+        counted=", ".join(f"{average.strides:,} strides of the {name}" for name, average in there.items())
+        or "no stride",
         colors=COLORS,
         labels=WALKER_LABELS,
         walkers=[name for name in ("student", "baseline", "teacher") if name in tracks],
