@@ -1,5 +1,16 @@
 """What can go wrong, and the exit code of each."""
 
+LONGEST = 80  # characters of a value that a line shows
+LONGEST_LINE = 2000
+
+
+def one_line(text: str, longest: int = LONGEST) -> str:
+    """Make text that came from outside fit to print: on one line, without control characters, not too long."""
+    text = " ".join(text.split())
+    if not text.isprintable():
+        text = "".join(sign if sign.isprintable() else ascii(sign)[1:-1] for sign in text)
+    return text if len(text) <= longest else f"{text[: longest - 3]}..."
+
 
 class RomgrlError(Exception):
     """Base of every error that ends a run with one line instead of a traceback."""
@@ -15,6 +26,9 @@ class ConfigurationError(RomgrlError):
 
 class ArtifactError(RomgrlError):
     """An artifact is missing, corrupted or does not fit the stage that reads it."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__(one_line(text, LONGEST_LINE))
 
     exit_code = 3
 

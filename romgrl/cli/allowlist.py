@@ -35,7 +35,8 @@ from romgrl.cli.hydra_internals import (
 from romgrl.cli.typed_text import quote_stored_sweep, quoted
 from romgrl.cli.whole_paths import make_whole
 from romgrl.config.schema import Config
-from romgrl.config.values import KIND, first_kind, foreign_keys, one_line
+from romgrl.config.values import KIND, first_kind, foreign_keys
+from romgrl.errors import one_line
 
 TARGETS = (
     "romgrl.sweeps.callback.SweepCallback",

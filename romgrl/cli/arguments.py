@@ -22,14 +22,13 @@ from romgrl.config.values import (
     allowed,
     bad_value,
     fits,
-    one_line,
     refusal,
     schema_groups,
     schema_keys,
     suggestion,
     unknown_key,
 )
-from romgrl.errors import ConfigurationError
+from romgrl.errors import ConfigurationError, one_line
 from romgrl.runtime.surroundings import adapt_environment
 
 LONGEST_MESSAGE = 300  # characters of what argparse says

@@ -29,14 +29,14 @@ from romgrl.config.values import (
     convert,
     fits,
     foreign_keys,
-    one_line,
+    of_no_kind,
     refusal,
     schema_groups,
     schema_keys,
     suggestion,
     unknown_key,
 )
-from romgrl.errors import ConfigurationError
+from romgrl.errors import ConfigurationError, one_line
 
 HERE = Path(__file__).resolve().parents[1]
 CONF = HERE / "conf" if (HERE / "conf").is_dir() else HERE.parent / "conf"  # installed, or in a checkout
@@ -100,13 +100,15 @@ def read_composed(composed: DictConfig, where: Callable[[str], str] = nowhere) -
     bad = {name: unknown_key(name, where(name)) for name in added_keys(composed)}
     bad |= broken_groups(composed)
     foreign = foreign_keys(lambda key: chosen(composed, key))
+    undecided = of_no_kind(lambda key: chosen(composed, key))
     values: dict[str, Any] = {}
     absent: list[str] = []
+    misplaced: list[str] = []
     for key, entry in schema_keys().items():
         if key not in foreign:
             values[key] = MISSING
-        if key.partition(".")[0] in bad:
-            bad[key] = ""  # the line of its group says it
+        if key.partition(".")[0] in bad or key in undecided:
+            bad[key] = ""  # the line of its group or of its kind says it
             continue
         try:
             value = as_python(OmegaConf.select(composed, key, default=ABSENT, throw_on_missing=True))
@@ -119,6 +121,7 @@ def read_composed(composed: DictConfig, where: Callable[[str], str] = nowhere) -
             if value is not ABSENT:
                 kind = chosen(composed, foreign[key])
                 bad[key] = f"{key}: {foreign[key]}={kind} has no such key"
+                misplaced.append(key)
         elif value is ABSENT:
             bad[key] = f"{key}: has no value; give it as {key}=...; allowed: {allowed(entry)}"
             absent.append(key)
@@ -126,6 +129,11 @@ def read_composed(composed: DictConfig, where: Callable[[str], str] = nowhere) -
             values[key] = convert(value, entry)
         else:
             bad[key] = bad_value(key, value)
+    if len(misplaced) > MOST_TOLD:  # of a preset of another kind, which lacks what this one needs
+        key, group = foreign[misplaced[0]], misplaced[0].partition(".")[0]
+        line = f"{key}: {chosen(composed, key)} does not go with the rest of `{group}`, which has {misplaced[0]}"
+        bad |= dict.fromkeys((*misplaced, *absent), "") | {key: f"{line} and others; choose {group}=NAME of that model"}
+        return assemble_config(values), bad
     return assemble_config(values), bad | gathered(absent)
 
 

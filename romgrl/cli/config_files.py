@@ -16,7 +16,7 @@ from yaml.error import MarkedYAMLError
 
 from romgrl.cli import hydra_internals
 from romgrl.cli.typed_text import put_back
-from romgrl.config.values import one_line
+from romgrl.errors import one_line
 
 HEADER_FAULTS = ("Expected header format", "Too many components")  # as Hydra begins to say them
 HEADER = re.compile(r"\s*#\s*@\s*package\b", re.IGNORECASE)

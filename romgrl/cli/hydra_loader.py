@@ -22,7 +22,8 @@ from romgrl.cli.allowlist import GuardedLoader
 from romgrl.cli.compose import COMPOSITION_ERRORS, CONF, explanation
 from romgrl.cli.hydra_internals import BasicSweeper, create_config_search_path
 from romgrl.cli.typed_text import holds, quoted
-from romgrl.config.values import one_line, refusal, schema_groups, schema_keys, suggestion
+from romgrl.config.values import refusal, schema_groups, schema_keys, suggestion
+from romgrl.errors import one_line
 
 FILE_ERRORS = (YAMLError, UnicodeError, OSError)
 MALFORMED = (ValueError, TypeError, AttributeError, KeyError, AssertionError, RecursionError, UserWarning)

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import difflib
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import Field, fields, is_dataclass
 from functools import cache
 from typing import Any, NamedTuple
 
 from romgrl.config.schema import Config
+from romgrl.errors import LONGEST, one_line
 
 NAMES = {"int": "a whole number", "float": "a number", "str": "printable text", "bool": "true or false"}
 TYPES: dict[str, tuple[type, ...]] = {"int": (int,), "float": (int, float), "str": (str, int, float), "bool": (bool,)}
-LONGEST = 80  # characters of a value that a line shows
 LARGEST_SHOWN = 1 << 256  # Python refuses to write whole numbers of thousands of digits
 
 
@@ -54,6 +54,21 @@ def first_kind(key: str) -> str:
     return str(next(iter(group.metadata["kinds"])))
 
 
+def of_no_kind(chosen: Callable[[str], Any]) -> set[str]:
+    """The other keys of a group whose kind is none that there is: what they must be is not known."""
+    keys: set[str] = set()
+    for group in fields(Config):
+        kinds, key = group.metadata.get("kinds", {}), f"{group.name}.{KIND}"
+        if kinds and not is_kind(chosen(key), kinds):
+            keys |= {name for name in schema_keys() if name.startswith(f"{group.name}.")} - {key}
+    return keys
+
+
+def is_kind(value: Any, kinds: Mapping[str, type]) -> bool:
+    """Tell whether a value names a kind."""
+    return isinstance(value, str) and value in kinds
+
+
 def foreign_keys(chosen: Callable[[str], Any]) -> dict[str, str]:
     """The keys that the chosen kind of a group lacks and others have; with each, the key that chooses.
 
@@ -63,7 +78,8 @@ def foreign_keys(chosen: Callable[[str], Any]) -> dict[str, str]:
     for group in fields(Config):
         kinds, key = group.metadata.get("kinds", {}), f"{group.name}.{KIND}"
         if len(kinds) > 1:
-            own = schema_keys(kinds.get(chosen(key), group.default_factory), f"{group.name}.")
+            kind = chosen(key)
+            own = schema_keys(kinds[kind if is_kind(kind, kinds) else first_kind(key)], f"{group.name}.")
             everything = (schema_keys(kind, f"{group.name}.") for kind in kinds.values())
             found |= {name: key for keys in everything for name in keys if name not in own}
     return found
@@ -162,14 +178,6 @@ def show(value: Any) -> str:
     if isinstance(value, int) and not isinstance(value, bool) and abs(value) >= LARGEST_SHOWN:
         return f"a whole number of {value.bit_length()} bits"
     return str(value).lower() if isinstance(value, bool) else str(value)
-
-
-def one_line(text: str, longest: int = LONGEST) -> str:
-    """Make text that came from outside fit to print: on one line, without control characters, not too long."""
-    text = " ".join(text.split())
-    if not text.isprintable():
-        text = "".join(sign if sign.isprintable() else ascii(sign)[1:-1] for sign in text)
-    return text if len(text) <= longest else f"{text[: longest - 3]}..."
 
 
 def refusal(key: str, value: Any, permitted: str) -> str:

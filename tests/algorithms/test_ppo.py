@@ -156,6 +156,12 @@ def test_a_policy_file_names_the_columns_that_it_reads(tmp_path: Path) -> None:
     load_ppo_policy(path, names=names)  # a file of old has none
     save_ppo_policy(path, make_ppo(), names)
     load_ppo_policy(path, names=names)
+    save_ppo_policy(path, make_ppo(), ("x\nforged\x1b[31m" + "y" * 10_000, *names[1:]))
+    with pytest.raises(ArtifactError) as error:
+        load_ppo_policy(path, names=names)
+    assert str(error.value).isprintable()
+    assert len(str(error.value)) <= 2000
+    save_ppo_policy(path, make_ppo(), names)
     with pytest.raises(ArtifactError, match="column 1 of what it reads is left_load; needed: right_load"):
         load_ppo_policy(path, names=("height", "right_load", "left_load"))
     save_ppo_policy(path, make_ppo(), names[:2])

@@ -135,6 +135,22 @@ def test_a_key_of_another_model_is_refused(pedal: tuple[str, ...], override: str
     assert any(found.startswith(line) for found in str(error.value).splitlines())
 
 
+@pytest.mark.parametrize("model", ["null", "[pedal]", "3", "{a:1}"])
+def test_a_model_that_is_none_gets_one_line(pedal: tuple[str, ...], model: str) -> None:
+    with pytest.raises(ConfigurationError) as error:
+        compose_config(*pedal, f"rom.model={model}")
+    (line,) = str(error.value).splitlines()
+    assert line.startswith("rom.model: ")
+    assert "; allowed: spring_leg, pedal" in line
+
+
+def test_a_model_on_the_preset_of_another_gets_one_line(pedal: tuple[str, ...]) -> None:
+    with pytest.raises(ConfigurationError) as error:
+        compose_config(pedal[0], "rom.model=pedal")
+    (line,) = str(error.value).splitlines()
+    assert line.startswith("rom.model: pedal does not go with the rest of `rom`, which has rom.foot_mass and others")
+
+
 @pytest.mark.parametrize("walker", ["teacher", "student"])
 def test_what_ships_walks_on_its_own_model_alone(pedal: tuple[str, ...], walker: str) -> None:
     lines = [*misfits(compose_config(f"{walker}=pretrained", *pedal))]
