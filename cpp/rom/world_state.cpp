@@ -10,6 +10,7 @@ namespace {
 
 constexpr double kLargestNumber = 1e3;  // m, m/s, rad, rad/s
 constexpr double kFarthest = 16.0;  // m from the origin, within Box2D's ground
+constexpr double kLongestWay = 1e9;  // m; in float64 a step is still told from the next one
 
 bool is_body(const double* state) {
     const auto small = [](double value) { return std::fabs(value) < kLargestNumber; };
@@ -20,9 +21,13 @@ bool is_body(const double* state) {
 
 bool is_walker_state(const double* state) {
     const auto finite = [](double value) { return std::isfinite(value); };
+    const auto is_leg = [](const double* leg) {
+        return std::fabs(leg[1]) < kLargestNumber && std::fabs(leg[2]) < kLargestNumber;
+    };
     return is_body(state) && is_body(state + 6) && is_body(state + 12) &&
            std::all_of(state + 18, state + kWalkerState, finite) && (state[18] == 0.0 || state[18] == 1.0) &&
-           std::fabs(state[21]) <= 1.0;
+           std::fabs(state[19]) < kLongestWay && std::fabs(state[20]) < kLongestWay && std::fabs(state[21]) <= 1.0 &&
+           is_leg(state + 22) && is_leg(state + 26);
 }
 
 // The two legs are solved one after the other. Which leg comes first follows from the pose and not from its name, so

@@ -21,7 +21,9 @@ class Mirror(NamedTuple):
     sign: Any
 
     def image(self, values: Values) -> Values:
-        """Mirror image of `values` (..., K)."""
+        """Mirror image of `values` (..., K); ValueError for another number of columns."""
+        if values.shape[-1:] != self.sign.shape:
+            raise ValueError(f"the mirror is one of {len(self.sign)} columns, not of {[*values.shape[-1:]]}")
         image: Values = values[..., self.permutation] * self.sign
         return image
 
@@ -50,13 +52,25 @@ def unsigned(permutation: Sequence[int] | NDArray[np.int64]) -> Mirror:
 def by_name(names: Sequence[str], other_side: Callable[[str], str], negated: Collection[str] = ()) -> Mirror:
     """Mirror of named columns: each becomes that of its name on the other side, those `negated` with the other sign.
 
-    Raises ValueError where a name has no other side.
+    Raises ValueError where a name has no other side or stands twice, for an unknown name in `negated`, and where the
+    image of the image is not the original.
     """
     place = {name: index for index, name in enumerate(names)}
-    alone = [name for name in names if other_side(name) not in place]
-    if alone:
-        raise ValueError(f"{alone[0]} has no mirror image: there is no {other_side(alone[0])}")
-    order = [place[other_side(name)] for name in names]
+    if len(place) < len(names):
+        twice = next(name for index, name in enumerate(names) if place[name] != index)
+        raise ValueError(f"{twice} stands twice among the names")
+    others = [other_side(name) for name in names]
+    for name, other in zip(names, others, strict=True):
+        if other not in place:
+            raise ValueError(f"{name} has no mirror image: there is no {other}")
+        if others[place[other]] != name:
+            raise ValueError(f"the mirror image of {name} is {other}, whose own is {others[place[other]]}")
+        if (name in negated) != (other in negated):
+            raise ValueError(f"of {name} and its mirror image {other} only one is negated")
+    unknown = [name for name in negated if name not in place]
+    if unknown:
+        raise ValueError(f"{unknown[0]} is negated, but is none of the names")
+    order = [place[other] for other in others]
     return Mirror(np.array(order, np.int64), np.array([-1.0 if n in negated else 1.0 for n in names], np.float32))
 
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from romgrl.config.worlds import Humanoid
 from romgrl.errors import ConfigurationError
 from romgrl.humanoid.own_body import human_spec
+from romgrl.humanoid.plausible import check_motion, check_numbers, check_size, one_line
 from romgrl.humanoid.sagittal_plane import hold_in_plane
 from romgrl.humanoid.skeleton import ROOT_JOINTS, SKELETONS, SMPL, Skeleton, skeleton_of, without_file
 
@@ -70,7 +71,7 @@ def build(
         raise ValueError(f"substeps must be at least 1, not {substeps}")
     if xml is None and skeleton is not SMPL:
         raise ConfigurationError(without_file(skeleton.name))
-    spec = human_spec(height=height, mass=mass) if xml is None else _load(Path(xml).expanduser())
+    spec = human_spec(height=height, mass=mass) if xml is None else _load(Path(xml))
     hold_in_plane(spec, skeleton, actuation=actuation)
     spec.option.timestep = 1.0 / (control_frequency * substeps)
     model: mujoco.MjModel = _compile(spec)
@@ -82,6 +83,8 @@ def build(
         raise ConfigurationError(
             f"humanoid.xml: bodies, joints and actuators must be in the order of the skeleton {skeleton.name}"
         )
+    if xml is not None:
+        _check_body(model)
     return model
 
 
@@ -117,19 +120,33 @@ def fingerprint(model: mujoco.MjModel) -> str:
 
 
 def _load(path: Path) -> mujoco.MjSpec:
-    if not path.is_file():
+    try:
+        path = path.expanduser()
+        is_there = path.is_file()
+    except (OSError, RuntimeError) as error:  # a name that is too long, a user who is not known
+        raise ConfigurationError(f"humanoid.xml: no such file: {path} ({one_line(error)})") from error
+    if not is_there:
         raise ConfigurationError(f"humanoid.xml: no such file: {path}")
     try:
         return mujoco.MjSpec.from_file(str(path))
     except ValueError as error:
-        raise ConfigurationError(f"humanoid.xml: {path}: {str(error).splitlines()[0]}") from error
+        raise ConfigurationError(f"humanoid.xml: {path}: {one_line(error)}") from error
 
 
 def _compile(spec: mujoco.MjSpec) -> mujoco.MjModel:
     try:
         return spec.compile()
     except ValueError as error:
-        raise ConfigurationError(f"humanoid.xml: {str(error).splitlines()[0]}") from error
+        raise ConfigurationError(f"humanoid.xml: {one_line(error)}") from error
+
+
+def _check_body(model: mujoco.MjModel) -> None:
+    check_numbers(model)
+    if not _solid(model).size:
+        raise ConfigurationError("humanoid.xml: no geom can touch the floor; needed: one with a contype or conaffinity")
+    sizes = dimensions(model)
+    check_size(sizes.mass, sizes.pelvis_height, skeleton_of(model).root)
+    check_motion(model, sizes.pelvis_height)
 
 
 def body_ids(model: mujoco.MjModel, skeleton: Skeleton | None = None) -> NDArray[np.int64]:
@@ -138,10 +155,15 @@ def body_ids(model: mujoco.MjModel, skeleton: Skeleton | None = None) -> NDArray
     return np.array([model.body(name).id for name in bodies], dtype=np.int64)
 
 
+def _solid(model: mujoco.MjModel) -> NDArray[np.int64]:
+    """The shapes that can touch the floor."""
+    paired = np.isin(np.arange(model.ngeom), model.pair_geom2)
+    return np.flatnonzero((model.geom_bodyid > 0) & (paired | (model.geom_conaffinity > 0)))
+
+
 def lowest_point(model: mujoco.MjModel, data: mujoco.MjData) -> float:
     """Height of the lowest point of the shapes that can touch the floor, m, from geom_xpos and geom_xmat."""
-    paired = np.isin(np.arange(model.ngeom), model.pair_geom2)
-    solid = np.flatnonzero((model.geom_bodyid > 0) & (paired | (model.geom_conaffinity > 0)))
+    solid = _solid(model)
     down = np.abs(data.geom_xmat[solid].reshape(-1, 3, 3)[:, 2, :])
     size, kind = model.geom_size[solid], model.geom_type[solid]
     kinds = mujoco.mjtGeom

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from romgrl.rom.parameters import Reward, SpringLegParameters
-from romgrl.rom.vector_env import SpringLegVectorEnv
+from romgrl.rom.vector_env import SpringLegVectorEnv, refuse_options
 
 Array = NDArray[Any]
 
@@ -54,6 +54,7 @@ class SpringLegEnv(gymnasium.Env[Array, Array]):
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Array, dict[str, Any]]:
         """Start an episode; see `SpringLegVectorEnv.reset`."""
+        refuse_options(options)
         super().reset(seed=seed)
         if seed is not None or not self._waiting:
             observation, info = self._worlds.reset(seed=seed)

@@ -33,7 +33,7 @@ PAPER_COLUMNS: tuple[int, ...] = (0, 1, 2, 3, 6, 7, 8, 9, 10, 11, 12, 13, 18)
 
 def mirror(names: tuple[str, ...]) -> Mirror:
     """Mirror image of columns of these names: left and right exchanged; a side that is told as a number is negated."""
-    return by_name(names, left_or_right, negated=("last_touchdown_side",))
+    return by_name(names, left_or_right, negated={"last_touchdown_side"}.intersection(names))
 
 
 PAPER_OBSERVATION_NAMES = tuple(OBSERVATION_NAMES[column] for column in PAPER_COLUMNS)

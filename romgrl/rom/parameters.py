@@ -71,6 +71,8 @@ def core_parameters(
     alpha: float,
 ) -> _core.Parameters:
     """The C++ core's parameters of one task. Raises ValueError for a value of the wrong type or choice."""
+    if not isinstance(parameters, SpringLegParameters):
+        raise ValueError(f"parameters {parameters!r} are no SpringLegParameters")
     if reward not in get_args(Reward):
         raise ValueError(f"reward {reward!r} is none of {get_args(Reward)}")
     if parameters.observation not in get_args(Observation):
@@ -83,7 +85,10 @@ def core_parameters(
         if field.name not in ("observation", "engine", *_RANGES)
     }
     for name in _RANGES:
-        low, high = getattr(parameters, name)
+        try:
+            low, high = getattr(parameters, name)
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"{name} = {getattr(parameters, name)!r} must be two numbers, low and high") from error
         values |= {f"{name}_low": low, f"{name}_high": high}
     if parameters.trunk_moment_limit is None:
         values["trunk_moment_limit"] = math.inf

@@ -25,6 +25,12 @@ _METADATA: dict[str, Any] = {
 }
 
 
+def refuse_options(options: dict[str, Any] | None) -> None:
+    """ValueError for options of a reset, which has none."""
+    if options:
+        raise ValueError(f"options {options!r} are not supported: there are none")
+
+
 class SpringLegVectorEnv(VectorEnv[Array, Array, Array]):
     """A trunk on two spring legs, driven by two hip torques, to hold a forward speed (paper section 3.2).
 
@@ -119,7 +125,11 @@ class SpringLegVectorEnv(VectorEnv[Array, Array, Array]):
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Array, dict[str, Any]]:
-        """Start a new episode in all worlds. A seed fixes all that follows; without one the random streams go on."""
+        """Start a new episode in all worlds. A seed fixes all that follows; without one the random streams go on.
+
+        There are no options: ValueError for any, `reset_mask` among them, since finished worlds reset in the step.
+        """
+        refuse_options(options)
         if seed is not None and not isinstance(seed, (int, np.integer)):
             raise ValueError("one seed serves all worlds: seed must be an integer")
         if seed is not None or self._np_random is None:

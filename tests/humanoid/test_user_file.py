@@ -21,6 +21,7 @@ from romgrl.humanoid.joint_power import replay
 from romgrl.humanoid.model import build, dimensions
 from romgrl.humanoid.observation import observe
 from romgrl.humanoid.own_body import human_spec
+from romgrl.humanoid.plausible import check_motion, check_numbers
 from romgrl.humanoid.skeleton import SMPL, without_file
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 from romgrl.report import film
@@ -30,6 +31,8 @@ Builder = Callable[..., mujoco.MjModel]
 PELVIS, THIGH, SHIN = (f'<body name="{name}"' for name in ("Pelvis", "L_Hip", "L_Knee"))
 MOUNT = '<body name="mount" pos="0.1 0 0.2" euler="0.1 0.2 0.3"><geom size="0.02" mass="2"/><body/></body>'
 SHOE = '<body name="shoe"><geom type="box" pos="0 -0.3 0" size="0.1 0.01 0.1" mass="1"/></body>'
+KNEE, OPTION = '<joint name="L_Knee" range="0 2.4" armature="0.02" damping="5"', "<option"
+GEOM = '<geom name="L_Knee_knee"'
 
 
 @pytest.fixture(scope="module")
@@ -147,6 +150,78 @@ def test_a_file_that_does_not_fit_is_one_line(
     (line,) = humanoid_file(smoke_config)
     assert line.startswith("humanoid.xml: ")
     assert line.endswith(f"a MuJoCo file with the bodies of smpl ({reason})")
+
+
+@pytest.mark.parametrize(
+    ("place", "instead", "reason"),
+    [
+        (KNEE, KNEE.replace('"5"', '"nan"'), "dof_damping of joint L_Knee is nan"),
+        (KNEE, KNEE.replace('"5"', '"-500"'), "dof_damping of joint L_Knee is -500"),
+        (KNEE, KNEE.replace("0.02", "-5"), "dof_armature of joint L_Knee is -5"),
+        (KNEE, KNEE.replace("0.02", "nan"), "dof_armature of joint L_Knee is nan"),
+        (KNEE, KNEE.replace("2.4", "nan"), "jnt_range of joint L_Knee is nan"),
+        (KNEE, f'{KNEE} stiffness="-1e9"', "joint root_pitch diverges from rest"),
+        (KNEE, f'{KNEE} ref="nan"', "qpos0 of joint L_Knee is nan"),
+        (OPTION, f'{OPTION} gravity="0 0 nan"', "the option gravity is nan"),
+        (OPTION, f'{OPTION} gravity="0 0 1e300"', "the option gravity is 1e+300"),
+        (OPTION, f'{OPTION} gravity="0 0 -1e9"', "joint root_z diverges from rest"),
+        ('gainprm="242"', 'gainprm="nan"', "actuator_gainprm of actuator L_Knee is nan"),
+        ('forcerange="-250 250"', 'forcerange="-250 nan"', "actuator_forcerange of actuator L_Knee is nan"),
+        ('gainprm="242"', 'gear="nan" gainprm="242"', "actuator_gear of actuator L_Knee is nan"),
+        (GEOM, f'{GEOM} friction="nan 1 1"', "geom_friction of geom L_Knee_knee of body L_Knee is nan"),
+        (f'{SHIN} pos="0', f'{SHIN} pos="inf', "body_pos of body L_Knee is inf"),
+        (SHIN, f'{SHIN} quat="nan 0 0 0"', "body_quat of body L_Knee is nan"),
+        ("-0.4222 0", "-1000 0", "body_pos of body L_Knee is 1000 m long"),
+        ("-0.4222 0", "-8 0", "body Pelvis stands 8.5"),
+        ('mass="3.1609"', 'mass="1e300"', "body_mass of body L_Knee is 1e+300"),
+        ('mass="3.1609"', 'mass="3160.9"', "the bodies have a mass of 3230.74 kg"),
+    ],
+)
+def test_a_number_that_cannot_be_is_named(changed: Builder, place: str, instead: str, reason: str) -> None:
+    with pytest.raises(ConfigurationError, match=rf"^humanoid\.xml: {re.escape(reason)}.*needed: ") as refused:
+        changed((place, instead))
+    assert len(str(refused.value).splitlines()) == 1
+
+
+def test_a_body_that_nothing_holds_up_is_refused(text: str, tmp_path: Path) -> None:
+    bare = re.sub("<contact>.*</contact>", "", text, flags=re.DOTALL)
+    (tmp_path / "file.xml").write_text(bare, encoding="utf-8")
+    with pytest.raises(ConfigurationError, match=r"^humanoid\.xml: no geom can touch the floor; needed: "):
+        build(xml=tmp_path / "file.xml")
+
+
+def test_the_check_of_a_body_leaves_it_as_it_is(changed: Builder) -> None:
+    model = changed()
+    before = np.zeros(mujoco.mj_sizeModel(model), np.uint8)
+    after = np.zeros_like(before)
+    mujoco.mj_saveModel(model, None, before)
+    check_numbers(model)
+    check_motion(model, dimensions(model).pelvis_height)
+    mujoco.mj_saveModel(model, None, after)
+    assert np.array_equal(before, after)
+
+
+@pytest.mark.parametrize(
+    ("place", "instead", "reason"),
+    [
+        (SHIN, f"{SHIN} size='1'", r"unrecognized attribute: 'size' Element 'body', line \d+$"),
+        (KNEE, KNEE.replace('"0 2.4"', '"3 2.4"'), r"range\[1\] in joint Element name 'L_Knee', id 4, line \d+$"),
+    ],
+)
+def test_what_mujoco_refuses_is_one_line_with_its_reason(
+    changed: Builder, place: str, instead: str, reason: str
+) -> None:
+    with pytest.raises(ConfigurationError, match=rf"^humanoid\.xml: .*{reason}"):
+        changed((place, instead))
+
+
+@pytest.mark.parametrize("name", ["a" * 300, "~nobody-of-this-name/file.xml"])
+def test_a_name_that_no_file_can_have_is_one_line(name: str, smoke_config: Config) -> None:
+    with pytest.raises(ConfigurationError, match=r"^humanoid\.xml: no such file: .+$"):
+        build(xml=name)
+    smoke_config.humanoid.xml = name
+    (line,) = humanoid_file(smoke_config)
+    assert line.startswith("humanoid.xml: ")
 
 
 def test_the_head_hangs_where_the_skeleton_has_it(text: str, tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ import pytest
 
 from romgrl.config.worlds import SpringLeg
 from romgrl.rom import _core
+from romgrl.rom.env import SpringLegEnv
 from romgrl.rom.parameters import SpringLegParameters
 from romgrl.rom.parameters import core_parameters as translated
 from romgrl.rom.vector_env import SpringLegVectorEnv
@@ -97,6 +98,30 @@ def test_bad_parameters_raise(name: str, values: tuple[object, ...]) -> None:
             SpringLegVectorEnv(parameters=parameters, num_envs=2)
 
 
+@pytest.mark.parametrize("name", ["reset_speed", "reset_hip_angle"])
+@pytest.mark.parametrize("value", [(1,), (0.3, 0.4, 0.5), 3, None, (0.3, "x")])
+def test_a_range_that_is_none_is_named(name: str, value: object) -> None:
+    parameters = SpringLegParameters(**{name: value})  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match=f"^{name}"):
+        SpringLegVectorEnv(parameters=parameters)
+
+
+def test_parameters_of_another_type_are_named() -> None:
+    for value in ({}, {"mass": 70.0}, 3):
+        with pytest.raises(ValueError, match=r"^parameters .* are no SpringLegParameters$"):
+            SpringLegVectorEnv(parameters=value)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("make", [SpringLegVectorEnv, SpringLegEnv])
+def test_options_of_a_reset_are_refused_and_change_nothing(make: type[SpringLegVectorEnv] | type[SpringLegEnv]) -> None:
+    env, other = make(), make()
+    for of in (env, other):
+        of.reset(seed=0)
+    with pytest.raises(ValueError, match=r"^options .*reset_mask.* are not supported"):
+        env.reset(seed=1, options={"reset_mask": np.array([True])})
+    assert np.array_equal(env.reset(options={})[0], other.reset()[0])
+
+
 @pytest.mark.parametrize(
     "arguments",
     [
@@ -140,6 +165,28 @@ def test_bad_poses_and_states_raise_and_change_nothing() -> None:
 
 
 @pytest.mark.usefixtures("engine")
+def test_what_can_be_restored_is_finite_or_has_diverged() -> None:
+    worlds = Worlds(core_parameters(), 1)
+    before = worlds.batch.save()
+    refused = dict.fromkeys(range(_core.STATE_SIZE), 0)
+    for column in refused:
+        for value in (1e308, -1e308, 1e12, -1e12, 1e6):
+            state = before.copy()
+            state[0, column] = value
+            try:
+                worlds.batch.restore(state)
+            except ValueError:
+                refused[column] += 1
+                continue
+            worlds.batch.observe(*(worlds[name] for name in ("observation", "features", "contact")))
+            assert np.isfinite(worlds["observation"]).all(), (column, value)
+            worlds.step()
+            for name in ("observation", "final_observation", "forward_velocity", "reward"):
+                assert np.isfinite(worlds[name]).all(), (column, value, name)
+    assert refused[19] == refused[20] == 4
+
+
+@pytest.mark.usefixtures("engine")
 def test_wild_states_end_the_episode_with_finite_numbers() -> None:
     """Velocities beyond all reason: the world is flagged, reset, and its neighbour goes on."""
     worlds = Worlds(core_parameters(), 2)
@@ -162,6 +209,7 @@ import sys
 import numpy as np
 from romgrl.config.worlds import SpringLeg
 from romgrl.rom import _core
+from romgrl.rom.env import SpringLegEnv
 from tests.helpers.rom_worlds import Worlds, core_parameters, pose
 rng = np.random.default_rng(0)
 wild = lambda *size: rng.choice([-1e300, -1e9, -999.0, -1.0, 0.0, 1e-300, 0.5, 3.0, 999.0, 1e9, np.nan, np.inf], size)
