@@ -33,7 +33,7 @@ def make_whole(config: DictConfig) -> None:
         text = written._value() if written is not None else None
         if isinstance(text, str) and text.isprintable() and text.strip() and not text.startswith("???"):
             rewritten = absolute_address(text) if key in ADDRESSES else whole_path(text, node, leaf)
-            if key in BESIDE_PRESETS and not Path(rewritten).exists():
+            if key in BESIDE_PRESETS and not os.path.exists(rewritten):  # which knows of names that are too long
                 rewritten = next(beside_presets(config, group, text), rewritten)
             if rewritten != text:
                 node[leaf] = rewritten
