@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
@@ -42,8 +41,8 @@ def make_whole(config: DictConfig) -> None:
 def beside_presets(config: DictConfig, group: str, text: str) -> Iterator[str]:
     """Yield the files of that name in the directories that presets of the group come from."""
     for source in config.hydra.runtime.config_sources:
-        if source.schema == "file" and (Path(source.path) / group / text).is_file():
-            yield absolute(str(Path(source.path) / group / text))
+        if source.schema == "file" and os.path.isfile(f"{source.path}/{group}/{text}"):
+            yield absolute(f"{source.path}/{group}/{text}")
 
 
 def whole_path(text: str, node: DictConfig, leaf: str) -> str:

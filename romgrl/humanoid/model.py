@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from romgrl.config.worlds import Humanoid
 from romgrl.errors import ConfigurationError
 from romgrl.humanoid.own_body import human_spec
-from romgrl.humanoid.plausible import check_motion, check_numbers, check_size, one_line
+from romgrl.humanoid.plausible import check_motion, check_numbers, check_size, joined_lines
 from romgrl.humanoid.sagittal_plane import hold_in_plane
 from romgrl.humanoid.skeleton import ROOT_JOINTS, SKELETONS, SMPL, Skeleton, skeleton_of, without_file
 
@@ -124,20 +124,20 @@ def _load(path: Path) -> mujoco.MjSpec:
         path = path.expanduser()
         is_there = path.is_file()
     except (OSError, RuntimeError) as error:  # a name that is too long, a user who is not known
-        raise ConfigurationError(f"humanoid.xml: no such file: {path} ({one_line(error)})") from error
+        raise ConfigurationError(f"humanoid.xml: no such file: {path} ({joined_lines(error)})") from error
     if not is_there:
         raise ConfigurationError(f"humanoid.xml: no such file: {path}")
     try:
         return mujoco.MjSpec.from_file(str(path))
     except ValueError as error:
-        raise ConfigurationError(f"humanoid.xml: {path}: {one_line(error)}") from error
+        raise ConfigurationError(f"humanoid.xml: {path}: {joined_lines(error)}") from error
 
 
 def _compile(spec: mujoco.MjSpec) -> mujoco.MjModel:
     try:
         return spec.compile()
     except ValueError as error:
-        raise ConfigurationError(f"humanoid.xml: {one_line(error)}") from error
+        raise ConfigurationError(f"humanoid.xml: {joined_lines(error)}") from error
 
 
 def _check_body(model: mujoco.MjModel) -> None:

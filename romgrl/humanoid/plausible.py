@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from romgrl.errors import ConfigurationError
 
-LARGEST: Final = 1e10
+LARGEST_NUMBER: Final = 1e10
 """MuJoCo takes what is larger for diverged (mjMAXVAL)."""
 LONGEST_LINK, FASTEST = 10.0, 1e4
 MASS, PELVIS_HEIGHT = (1.0, 1000.0), (0.2, 3.0)
@@ -82,14 +82,14 @@ def check_motion(model: mujoco.MjModel, pelvis_height: float) -> None:
     try:
         for _ in range(_SUBSTEPS):
             mujoco.mj_forward(model, data)
-            _refuse_wild(model, data.qacc, LARGEST, needed)  # mj_step would log it and start over
+            _refuse_wild(model, data.qacc, LARGEST_NUMBER, needed)  # mj_step would log it and start over
             mujoco.mj_step(model, data)
             _refuse_wild(model, data.qvel, FASTEST, needed)
     except mujoco.FatalError as error:
-        raise ConfigurationError(f"humanoid.xml: {one_line(error)}; {needed}") from error
+        raise ConfigurationError(f"humanoid.xml: {joined_lines(error)}; {needed}") from error
 
 
-def one_line(error: Exception) -> str:
+def joined_lines(error: Exception) -> str:
     """What an error says; MuJoCo tells the reason in one line and the element in the next."""
     return " ".join(str(error).split())
 
@@ -103,11 +103,11 @@ def _refuse_wild(model: mujoco.MjModel, values: NDArray[np.float64], limit: floa
 
 def _bad(name: str, values: NDArray[Any]) -> Iterator[tuple[int, str]]:
     """The row of each bad number, and what is the matter with it."""
-    least = 0.0 if name in _NOT_NEGATIVE else -LARGEST
-    good = (values >= least) & (values <= LARGEST)
+    least = 0.0 if name in _NOT_NEGATIVE else -LARGEST_NUMBER
+    good = (values >= least) & (values <= LARGEST_NUMBER)
     if good.all():
         return
-    needed = f"{least:g} to {LARGEST:g}"
+    needed = f"{least:g} to {LARGEST_NUMBER:g}"
     for place in np.argwhere(~good):
         yield int(place[0]), f"is {values[tuple(place)]:g}; needed: a number from {needed}"
 
