@@ -18,7 +18,7 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf._utils import get_yaml_loader
 
 from romgrl.config.addresses import in_quotes
-from romgrl.config.values import kind_of, schema_groups, schema_keys
+from romgrl.config.values import RENAMED, kind_of, schema_groups, schema_keys
 
 OF_HYDRA = ("run.dir", "sweep.dir", "sweep.subdir", "job.name")
 OF_LAUNCHERS = ("account", "comment", "constraint", "name", "nodelist", "partition", "qos", "submitit_folder")
@@ -50,8 +50,15 @@ def is_any_text(key: str) -> bool:
     return is_text(key) and not chosen
 
 
+def current_name(override: str) -> str:
+    """An override of a key that was called otherwise, with the name that it has now."""
+    key, sign, value = override.partition("=")
+    return RENAMED.get(key, key) + sign + value
+
+
 def quoted(override: str) -> str:
     """An override, with quotes around each value that a key of text would lose; what cannot be read stays."""
+    override = current_name(override)
     key, _, value = override.partition("=")
     if not value or not is_text(key.lstrip("+").partition("@")[0]):
         return override

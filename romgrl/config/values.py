@@ -25,6 +25,7 @@ class Kind(NamedTuple):
     optional: bool
 
 
+RENAMED = {"robustness.watch": "robustness.horizon"}  # old names, which overrides may go on using
 KIND = "model"  # the key that says which keys its group has, where a group is one of several
 
 
@@ -221,4 +222,5 @@ def unknown_key(key: str, where: str = "") -> str:
     close += difflib.get_close_matches(asked, schema_keys(), n=1, cutoff=0.8) if group else []
     close += [anywhere[name] for name in difflib.get_close_matches(leaf, anywhere, n=1, cutoff=0.75)]
     hint = f"did you mean {close[0]}?" if close else "--cfg job lists all keys"
+    hint = f"it is called {RENAMED[key]}" if key in RENAMED else hint
     return f"{one_line(key)}{where}: unknown key; {hint}"

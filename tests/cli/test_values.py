@@ -12,6 +12,7 @@ from omegaconf import OmegaConf
 from sqlalchemy.engine import make_url
 
 from romgrl.cli.arguments import faults, flags_first
+from romgrl.cli.compose import compose_config
 from romgrl.cli.hydra_loader import stored_sweep
 from romgrl.cli.typed_text import is_text, quoted
 from romgrl.config.addresses import (
@@ -22,7 +23,7 @@ from romgrl.config.addresses import (
     sqlite_path,
     without_quotes,
 )
-from romgrl.config.values import kind_of, schema_keys, value_of
+from romgrl.config.values import RENAMED, kind_of, schema_keys, value_of
 from romgrl.pipeline.run_names import job_title
 from romgrl.results.sweep_record import settings
 from romgrl.tracking.recorder import default_uri, ui_command
@@ -231,3 +232,10 @@ def test_options_keep_what_they_name(monkeypatch: pytest.MonkeyPatch, tmp_path: 
         assert flags_first(["speed=2", *arguments])[0] == f"--config-dir={directory}"
         assert faults(["eta=1", *arguments, "--config-name", "mine"]) == []
     assert faults(["--config-name"]) != []
+
+
+def test_an_old_name_of_a_key_goes_on_working() -> None:
+    assert RENAMED.keys().isdisjoint(schema_keys())
+    for old, new in RENAMED.items():
+        assert faults([f"{old}=3"]) == []
+        assert value_of(compose_config(f"{old}=3"), new) == 3
