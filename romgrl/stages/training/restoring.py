@@ -34,7 +34,7 @@ def restore_all(parts: Mapping[str, Stateful], state: State, fresh: State) -> No
     Raises ArtifactError with what does not fit; then some may have gone on, but none has an attribute more.
     """
     try:
-        for wrong in misfits(fresh, state):
+        for wrong in lacking(fresh, state):
             raise ArtifactError(wrong)
         for name in sorted(state.keys() - parts.keys()):
             raise ArtifactError(f"{name} is more than this training has")
@@ -55,13 +55,13 @@ def restore_all(parts: Mapping[str, Stateful], state: State, fresh: State) -> No
         raise ArtifactError(" ".join(text.split())[:LONGEST_REASON]) from error
 
 
-def misfits(needed: Mapping[str, Any], found: Mapping[str, Any], prefix: str = "") -> Iterator[str]:
+def lacking(needed: Mapping[str, Any], found: Mapping[str, Any], prefix: str = "") -> Iterator[str]:
     """Yield what a state lacks, or has in another form than the one that is needed."""
     for name, value in needed.items():
         if isinstance(value, Mapping):
             inner = found.get(name, {})  # empty parts are lost in a checkpoint
             if isinstance(inner, Mapping):
-                yield from misfits(value, inner, f"{prefix}{name}/")
+                yield from lacking(value, inner, f"{prefix}{name}/")
             else:
                 yield f"{prefix}{name} is {form(inner)}, needed are parts"
         elif name not in found:
