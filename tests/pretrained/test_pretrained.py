@@ -29,8 +29,8 @@ from tests.conftest import Composer
 from tests.helpers import untrained
 from tests.helpers.configurations import all_keys, with_value
 from tests.helpers.walkers import write_walker
+from tests.pretrained.conftest import SMALL
 
-SMALL = ("experiment=smoke", "stage=evaluation", "tracking=none", "threads=1")
 PRESET = ("student=pretrained", *SMALL)
 PACKAGE = what_ships.PLACE
 

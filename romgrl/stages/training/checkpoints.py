@@ -15,6 +15,9 @@ from romgrl.runtime.stage_log import StageLog
 from romgrl.stages.training.restoring import Stateful, restore_all
 
 
+__all__ = ["Stateful", "TrainingCheckpoints"]
+
+
 class TrainingCheckpoints:
     """Keeps the state of all `parts` of a training of `total` steps in its workspace `output`.
 
