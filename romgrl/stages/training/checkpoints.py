@@ -14,7 +14,6 @@ from romgrl.runtime import signals
 from romgrl.runtime.stage_log import StageLog
 from romgrl.stages.training.restoring import Stateful, restore_all
 
-
 __all__ = ["Stateful", "TrainingCheckpoints"]
 
 
