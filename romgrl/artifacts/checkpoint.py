@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from romgrl.artifacts import load_tensors, save_tensors, sync_path, write_bytes
+from romgrl.artifacts import load_tensors, save_tensors, sync_path, tensor_shapes, write_bytes
 from romgrl.errors import ArtifactError
 
 if TYPE_CHECKING:
@@ -28,7 +29,10 @@ State = dict[str, Any]
 
 
 class Ring(Protocol):
-    """A ring of rows that grows; row i of all that were ever added is there until `rows` more have come."""
+    """A ring of rows that grows; row i of all that were ever added is there until `rows` more have come.
+
+    Rows to which none was added yet are zero.
+    """
 
     rows: int
     added: int
@@ -77,10 +81,29 @@ class Checkpoints:
             try:
                 return self._load(path)
             except ArtifactError as error:
-                aside = path.with_suffix(".json.damaged")
-                path.rename(aside)
-                self._say(f"{error}; set aside as {aside.name}")
+                self._set_aside(path, str(error))
         return None
+
+    def require_rows(self) -> None:
+        """Raise ArtifactError where the ring says that more or fewer rows were added than `load` has put back."""
+        last = max((segment["last"] for segment in self._segments.values()), default=0)
+        if self._ring is not None and self._ring.added != last:
+            raise ArtifactError(f"the replay buffer has {last} rows, needed are {self._ring.added}")
+
+    def refuse(self, step: int, reason: str) -> None:
+        """Set aside what `load` returned, because it does not fit; the ring is as before."""
+        path = self.directory / f"{step}.json"
+        if self._ring is not None:
+            for segment in self._segments.values():
+                rows = self._ring.read_rows(segment["first"], segment["last"])
+                self._ring.write_rows(segment["first"], {name: column.zero_() for name, column in rows.items()})
+        self._segments = {}
+        self._set_aside(path, f"{path}: does not fit this training: {reason}")
+
+    def _set_aside(self, path: Path, reason: str) -> None:
+        aside = path.with_suffix(".json.damaged")
+        path.rename(aside)
+        self._say(f"{reason}; set aside as {aside.name}")
 
     def _load(self, path: Path) -> tuple[int, State]:
         document = unsealed(path)
@@ -88,12 +111,37 @@ class Checkpoints:
             if not (self.directory / name).is_file() or self._sha256(name) != sha256:
                 raise ArtifactError(f"{self.directory / name}: missing or does not have the SHA-256 of its checkpoint")
         tensors, _ = load_tensors(self.directory / f"{document['step']}.safetensors")
+        try:
+            state = nest(document["values"] | tensors)
+        except ValueError as error:
+            raise ArtifactError(f"{path}: is no checkpoint: {error}") from error
         if self._ring is not None:
             # The oldest first: it may begin with rows that the newest have overwritten.
-            for name, segment in sorted(document["segments"].items(), key=lambda part: part[1]["first"]):
+            segments = sorted(document["segments"].items(), key=lambda part: part[1]["first"])
+            self._check_rows(path, segments)
+            for name, segment in segments:
                 self._ring.write_rows(segment["first"], load_tensors(self.directory / name)[0])
         self._segments = document["segments"]
-        return document["step"], nest(document["values"] | tensors)
+        return document["step"], state
+
+    def _check_rows(self, path: Path, segments: Sequence[tuple[str, Mapping[str, int]]]) -> None:
+        """Raise ArtifactError unless the segments hold all rows that the ring held, in its columns."""
+        assert self._ring is not None
+        columns = self._ring.read_rows(0, 1)
+        for name, segment in segments:
+            count = segment["last"] - segment["first"]
+            needed = {
+                column: (str(rows.dtype).removeprefix("torch."), (count, *rows.shape[1:]))
+                for column, rows in columns.items()
+            }
+            if (found := tensor_shapes(self.directory / name)) != needed:
+                wrong = sorted(key for key in found.keys() | needed.keys() if found.get(key) != needed.get(key))
+                what = f"{wrong[0]} is {found.get(wrong[0], 'missing')}, needed is {needed.get(wrong[0], 'none')}"
+                raise ArtifactError(f"{self.directory / name}: does not fit this training: {what}")
+        bounds = [(segment["first"], segment["last"]) for _, segment in segments]
+        gaps = any(last != first for (_, last), (first, _) in pairwise(bounds))
+        if bounds and (gaps or bounds[0][0] > max(0, bounds[-1][1] - self._ring.rows)):
+            raise ArtifactError(f"{path}: does not fit this training: rows of the replay buffer are missing")
 
     def _save_rows(self) -> None:
         """Write the rows that came since the last checkpoint, and drop the segments that the ring has overwritten."""
@@ -118,7 +166,9 @@ class Checkpoints:
                 path.unlink()
 
     def _manifests(self) -> list[Path]:
-        return sorted(self.directory.glob("*.json"), key=lambda path: int(path.stem))
+        return sorted(
+            (path for path in self.directory.glob("*.json") if path.stem.isdecimal()), key=lambda path: int(path.stem)
+        )
 
     def _sha256(self, name: str) -> str:
         with (self.directory / name).open("rb") as file:
@@ -135,13 +185,17 @@ def flatten_state(state: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[
 
 
 def nest(leaves: Mapping[str, Any]) -> State:
-    """What `flatten` took apart; empty parts are lost."""
+    """What `flatten_state` took apart; empty parts are lost. Raises ValueError where a part is a value, too."""
     state: State = {}
     for path, value in leaves.items():
         *above, name = path.split("/")
         place = state
         for part in above:
             place = place.setdefault(part, {})
+            if not isinstance(place, dict):
+                raise ValueError(f"{path} is below a value")
+        if name in place:
+            raise ValueError(f"{path} is a value and a part")
         place[name] = value
     return state
 
@@ -161,12 +215,31 @@ def readable_state(path: Path) -> dict[str, Any]:
 
 
 def unsealed(path: Path) -> dict[str, Any]:
-    """What `sealed` wrote. Raises ArtifactError naming the file."""
+    """What `sealed` wrote of a checkpoint. Raises ArtifactError naming the file."""
     try:
         seal, _, text = path.read_bytes().partition(b"\n")
         if hashlib.sha256(text).hexdigest().encode() != seal:
             raise ArtifactError(f"{path}: does not have its own SHA-256; it was changed or damaged")
         document: dict[str, Any] = json.loads(text)
-        return document
-    except OSError as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise ArtifactError(f"{path}: cannot be read: {error}") from error
+    if wrong := malformed(document, path.stem):
+        raise ArtifactError(f"{path}: is no checkpoint: {wrong}")
+    return document
+
+
+def malformed(document: Any, stem: str) -> str:
+    """What keeps JSON from being that of a checkpoint; nothing where it is one."""
+    if not isinstance(document, dict):
+        return "it is no mapping"
+    for name in ("values", "segments", "files"):
+        if not isinstance(document.get(name), dict):
+            return f"it has no mapping `{name}`"
+    if type(document.get("step")) is not int or str(document["step"]) != stem:
+        return "its step is not the one that it is named after"
+    for name, segment in document["segments"].items():
+        first, last = (segment.get(end) if isinstance(segment, dict) else None for end in ("first", "last"))
+        if not (isinstance(first, int) and isinstance(last, int) and 0 <= first < last):
+            return f"{name} has no first and last row"
+    missing = [name for name in (f"{stem}.safetensors", *document["segments"]) if name not in document["files"]]
+    return f"it has no SHA-256 of {missing[0]}" if missing else ""

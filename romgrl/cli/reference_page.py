@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import sys
+from argparse import ArgumentParser
+from collections.abc import Sequence
 from dataclasses import Field, fields
 from pathlib import Path
 from typing import Any
 
 from romgrl.cli.compose import CONF, compose_config
+from romgrl.cli.exit_codes import exit_code_of
 from romgrl.config.schema import Config
 from romgrl.config.values import KIND, allowed, keys_of, schema_keys, show, value_of
 from romgrl.report.markdown_table import markdown_table
@@ -57,10 +61,16 @@ def kinds_with(key: str) -> str:
     return f"{group.name}.{KIND}={'|'.join(kinds)}"
 
 
-def main() -> None:
-    """Write the page."""
-    REFERENCE_PAGE.write_text(render(), encoding="utf-8")
+def main(arguments: Sequence[str]) -> int:
+    """Write the page; the exit code of the failure otherwise."""
+    what = "Write docs/configuration.md of this checkout from the schema and conf/."
+    ArgumentParser("python -m romgrl.cli.reference_page", description=what).parse_args(arguments)
+    try:
+        REFERENCE_PAGE.write_text(render(), encoding="utf-8")
+    except OSError as error:
+        return exit_code_of(error)
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main(sys.argv[1:]))

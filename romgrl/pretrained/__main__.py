@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import sys
+import tempfile
 from argparse import ArgumentParser
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from romgrl.artifacts import MANIFEST, Manifest, open_artifact, write_bytes
-from romgrl.cli.compose import COMPOSITION_ERRORS, compose_config, explanation
+from romgrl.artifacts import MANIFEST, Manifest, open_artifact, storage_faults, sync_path, write_bytes
+from romgrl.cli.arguments import checked, refuse
+from romgrl.cli.compose import COMPOSITION_ERRORS, compose_config
+from romgrl.cli.exit_codes import exit_code_of
 from romgrl.config.schema import Config
 from romgrl.errors import ArtifactError, ConfigurationError, RomgrlError
 from romgrl.provenance import shipped
@@ -27,12 +31,8 @@ from romgrl.runtime.display import protect
 from romgrl.runtime.surroundings import adapt_environment
 
 CARD = "MODEL_CARD.md"
-
-
-def trained(config: Config) -> Config:
-    """The configuration that trains what the preset takes from the package."""
-    teacher, student = replace(config.teacher, pretrained=False), replace(config.student, pretrained=False)
-    return replace(config, teacher=teacher, student=student)
+TRAINED = ("student=pretrained", "student.pretrained=false", "teacher.pretrained=false")
+"""The training of what the preset takes from the package."""
 
 
 def find_evaluation(outputs: Path, config: Config) -> tuple[FinishedEvaluation, dict[str, Manifest]]:
@@ -71,23 +71,47 @@ def ship(outputs: Path, config: Config) -> list[Path]:
     sources = {stage: outputs / "artifacts" / stage / manifest.key for stage, manifest in manifests.items()}
     for stage, source in sources.items():
         open_artifact(source, stage=stage, key=source.name)
-    card, text = shipped.PLACE / CARD, write_card(evaluation, manifests)  # it may fail: before anything is replaced
-    written = [
-        path for stage, manifest in manifests.items() for path in write_artifact(stage, manifest, sources[stage])
-    ]
-    write_bytes(card, text.encode())
-    return [*written, card]
+    text = write_card(evaluation, manifests)
+    with storage_faults(shipped.PLACE):
+        shipped.PLACE.mkdir(parents=True, exist_ok=True)
+        fresh = Path(tempfile.mkdtemp(prefix=".new-", dir=shipped.PLACE))
+        try:
+            written = [
+                path for stage in manifests for path in write_artifact(fresh / stage, manifests[stage], sources[stage])
+            ]
+            write_bytes(fresh / CARD, text.encode())
+            swap(fresh, [*manifests, CARD])
+        finally:
+            shutil.rmtree(fresh, ignore_errors=True)
+    return [shipped.PLACE / path.relative_to(fresh) for path in [*written, fresh / CARD]]
 
 
-def write_artifact(stage: str, manifest: Manifest, source: Path) -> list[Path]:
-    """Put one artifact in the place of the one that ships now."""
-    target = shipped.PLACE / stage
-    shutil.rmtree(target, ignore_errors=True)
-    target.mkdir(parents=True)
+def write_artifact(target: Path, manifest: Manifest, source: Path) -> list[Path]:
+    """Copy an artifact without what is about one machine or store to a place where there is nothing yet."""
+    target.mkdir()
     for name in manifest.files:
         write_bytes(target / name, (source / name).read_bytes())
     write_bytes(target / MANIFEST, replace(manifest, run_id=None).text.encode())
     return [*(target / name for name in manifest.files), target / MANIFEST]
+
+
+def swap(fresh: Path, names: Sequence[str]) -> None:
+    """Put what was written in the place of what ships now, which is all there again where that fails."""
+    old = fresh / "old"
+    old.mkdir()
+    try:
+        for name in names:
+            if (shipped.PLACE / name).exists():
+                os.rename(shipped.PLACE / name, old / name)
+            os.rename(fresh / name, shipped.PLACE / name)
+    except BaseException:
+        for name in names:
+            if not (fresh / name).exists():
+                os.rename(shipped.PLACE / name, fresh / name)
+            if (old / name).exists():
+                os.rename(old / name, shipped.PLACE / name)
+        raise
+    sync_path(shipped.PLACE)
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -102,14 +126,12 @@ def main(arguments: Sequence[str]) -> int:
     if "=" in chosen.outputs:
         parser.error(f"{chosen.outputs}: the directory of results comes first")
     try:
-        config = trained(compose_config("student=pretrained", *chosen.settings))
+        config = compose_config(*checked([*TRAINED, *chosen.settings]))
         written = ship(Path(chosen.outputs).expanduser().resolve(), config)
-    except COMPOSITION_ERRORS as error:
-        print(explanation(error), file=sys.stderr)
-        return ConfigurationError.exit_code
-    except RomgrlError as error:
-        print(error, file=sys.stderr)
-        return error.exit_code
+    except (ConfigurationError, *COMPOSITION_ERRORS) as error:
+        return refuse(error)
+    except (RomgrlError, OSError) as error:
+        return exit_code_of(error)
     for path in written:
         print(f"{path.relative_to(shipped.PLACE)}: {path.stat().st_size} bytes")
     return 0

@@ -3,44 +3,49 @@
 from __future__ import annotations
 
 import sys
-from argparse import ArgumentParser
+from argparse import ArgumentParser, ArgumentTypeError
 from collections.abc import Sequence
 from pathlib import Path
 
-from romgrl.errors import RomgrlError
+from romgrl.errors import RomgrlError, StorageError
 from romgrl.runtime.display import protect
 from romgrl.runtime.surroundings import adapt_environment
 
 
-def directory(text: str) -> Path:
-    """The directory that a user means."""
-    return Path(text).expanduser().resolve()
+def path(text: str) -> Path:
+    """The file or directory that a user means, which an empty text (a variable without a value) is not."""
+    if not text:
+        raise ArgumentTypeError("is empty; name a place")
+    return Path(text)
 
 
 def main(arguments: Sequence[str]) -> int:
     """Write the documents and say what was written; the exit code of the failure otherwise."""
     protect()
     parser = ArgumentParser("python -m romgrl.results", description="Write documents from the sweeps of a directory.")
-    parser.add_argument("outputs", type=directory, help="the directory of results, as in paths.outputs")
+    parser.add_argument("outputs", type=path, help="the directory of results, as in paths.outputs")
     parser.add_argument(
         "docs",
-        type=Path,
+        type=path,
         help="where results.md goes, in place of one that is there, and results/ with the tables and figures",
     )
     readme = "a file: the table of the paper's sweep goes between its <!-- results --> and <!-- end of results -->"
-    parser.add_argument("readme", type=Path, nargs="?", help=readme)
+    parser.add_argument("readme", type=path, nargs="?", help=readme)
     chosen = parser.parse_args(arguments)
     adapt_environment()  # before Matplotlib is imported
-    from romgrl.results.readme_table import write_readme
+    from romgrl.results.readme_table import readme_text
     from romgrl.results.results_document import write_document
 
     try:
-        written = write_document(chosen.outputs, chosen.docs)
-        if chosen.readme is not None:
-            write_readme(chosen.outputs, chosen.readme)
-    except (RomgrlError, OSError) as error:
+        outputs = chosen.outputs.expanduser().resolve()
+        others = {} if chosen.readme is None else {chosen.readme: readme_text(outputs, chosen.readme)}
+        written = write_document(outputs, chosen.docs, others)
+    except RomgrlError as error:
         print(error, file=sys.stderr)
-        return getattr(error, "exit_code", 5)
+        return error.exit_code
+    except OSError as error:
+        print(f"{error.filename}: {error.strerror}" if error.filename else error, file=sys.stderr)
+        return StorageError.exit_code
     print(f"{written[0]}: written, with {len(written) - 1} files in {written[0].parent / 'results'}")
     return 0
 

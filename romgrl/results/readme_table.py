@@ -39,18 +39,19 @@ README_ROWS = {
 }  # the number, its label and its decimals
 
 
-def write_readme(outputs: Path, document: Path) -> None:
-    """Put the table between the markers. Raises ArtifactError where there is no such sweep, or no such place."""
+def readme_text(outputs: Path, document: Path) -> str:
+    """The text with the table between its markers. Raises ArtifactError where there is no such sweep or place."""
     found = [sweep for sweep in merged(sweeps(outputs)) if sweep.name in CLAIMED]
     jobs = [each for sweep in found for each in results(sweep, outputs) if each.evaluation is not None]
     if not jobs:
         raise ArtifactError(f"{outputs}: no job of the sweeps {' and '.join(CLAIMED)} has finished")
-    before, _, rest = document.read_text(encoding="utf-8").partition(START)
+    try:
+        before, _, rest = document.read_text(encoding="utf-8").partition(START)
+    except UnicodeDecodeError as error:
+        raise ArtifactError(f"{document}: is no text in UTF-8") from error
     if END not in rest:
         raise ArtifactError(f"{document}: has no markers {START} and {END}")
-    document.write_text(
-        f"{before}{START}\n\n{markdown(runs_table(jobs))}\n{END}{rest.partition(END)[2]}", encoding="utf-8"
-    )
+    return f"{before}{START}\n\n{markdown(runs_table(jobs))}\n{END}{rest.partition(END)[2]}"
 
 
 def runs_table(jobs: Sequence[JobResult]) -> pd.DataFrame:

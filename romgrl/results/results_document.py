@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import shlex
 import shutil
-from collections.abc import Sequence
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
 
+from romgrl.artifacts import storage_faults, write_bytes
 from romgrl.errors import ArtifactError
 from romgrl.report.tables import markdown
 from romgrl.results.claims import claims_for, finding_of, read_claims
@@ -34,20 +37,60 @@ read them. `one seed` and `short budget` (fewer training steps than the default)
 """
 
 
-def write_document(outputs: Path, docs: Path) -> list[Path]:
-    """Write results.md and results/ from the sweeps under `outputs`; returns what was written. Raises ArtifactError."""
+def write_document(outputs: Path, docs: Path, others: Mapping[Path, str]) -> list[Path]:
+    """Write results.md and results/ from the sweeps under `outputs`, and the text of other files along with them.
+
+    Nothing is replaced before all of it is written. Returns what is in `docs`. Raises ArtifactError and StorageError.
+    """
     found = merged(sweeps(outputs))
     if not found:
         command = "python -m romgrl --config-dir sweeps --config-name paper"
         raise ArtifactError(f"{outputs}: holds no sweep; {command} makes one")
     directory = docs / "results"
-    directory.mkdir(parents=True, exist_ok=True)
-    text = [HEAD]
-    for sweep in sorted(found, key=lambda each: (each.name != PAPER, each.title)):
-        jobs = results(sweep, outputs)
-        text += results_section(sweep, jobs, outputs, directory)
-    (docs / "results.md").write_text("\n".join(text), encoding="utf-8")
+    with storage_faults(docs):
+        directory.mkdir(parents=True, exist_ok=True)
+        with temporary_directory(directory) as fresh, temporary_files(others) as temporaries:
+            text = [HEAD]
+            for sweep in sorted(found, key=lambda each: (each.name != PAPER, each.title)):
+                text += results_section(sweep, results(sweep, outputs), outputs, fresh)
+            made = [path.name for path in fresh.iterdir()]
+            with temporary_files({docs / "results.md": "\n".join(text)}) as document:
+                for name in made:
+                    (fresh / name).replace(directory / name)
+                for path, temporary in (document | temporaries).items():
+                    temporary.replace(path)
+        for old in {path for sweep in found for path in directory.glob(f"{prefix_of(sweep)}*")}:
+            if old.name not in made:
+                old.unlink()
     return [docs / "results.md", *sorted(directory.iterdir())]
+
+
+@contextmanager
+def temporary_directory(place: Path) -> Iterator[Path]:
+    """A directory in another one, which is gone at the end."""
+    fresh = Path(tempfile.mkdtemp(prefix=".new-", dir=place))
+    try:
+        yield fresh
+    finally:
+        shutil.rmtree(fresh, ignore_errors=True)
+
+
+@contextmanager
+def temporary_files(texts: Mapping[Path, str]) -> Iterator[dict[Path, Path]]:
+    """The texts in files beside those that they are to replace; what was not renamed is gone at the end."""
+    temporaries = {path: path.with_name(f".{path.name}.new") for path in map(Path.resolve, texts)}
+    try:
+        for temporary, text in zip(temporaries.values(), texts.values(), strict=True):
+            write_bytes(temporary, text.encode())
+        yield temporaries
+    finally:
+        for temporary in temporaries.values():
+            temporary.unlink(missing_ok=True)
+
+
+def prefix_of(sweep: Sweep) -> str:
+    """How the names of a sweep's files begin."""
+    return f"{sweep.title.replace(' ', '_').replace(',', '').replace('.', '_')}_"
 
 
 def merged(found: Sequence[Sweep]) -> list[Sweep]:
@@ -67,10 +110,7 @@ def merged(found: Sequence[Sweep]) -> list[Sweep]:
 
 def results_section(sweep: Sweep, jobs: list[JobResult], outputs: Path, directory: Path) -> list[str]:
     """A sweep: command, machine, claims where it is the paper's, joint table, figures, and the proof of each job."""
-    slug = sweep.title.replace(" ", "_").replace(",", "").replace(".", "_")
-    prefix = f"{slug}_"
-    for old in directory.glob(f"{prefix}*"):
-        old.unlink()
+    prefix = prefix_of(sweep)
     table, paths = write_tables(sweep, jobs, outputs, directory / ".new")
     for path in paths:
         path.replace(directory / f"{prefix}{path.name}")

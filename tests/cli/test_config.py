@@ -211,6 +211,23 @@ def test_reference_page_is_up_to_date() -> None:
     assert reference_page.REFERENCE_PAGE.read_text(encoding="utf-8") == reference_page.render()
 
 
+def test_reference_page_takes_no_arguments_and_needs_docs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page = tmp_path / "docs" / "configuration.md"
+    monkeypatch.setattr(reference_page, "REFERENCE_PAGE", page)
+    assert reference_page.main([]) == 5
+    assert capsys.readouterr().err == f"{page}: No such file or directory\n"
+    page.parent.mkdir()
+    for argument, code in (("--help", 0), ("bogus", 2)):
+        with pytest.raises(SystemExit) as ended:
+            reference_page.main([argument])
+        assert ended.value.code == code
+    assert not page.exists()
+    assert reference_page.main([]) == 0
+    assert page.read_text(encoding="utf-8") == reference_page.render()
+
+
 def test_stages_of_the_schema_are_those_of_the_graph() -> None:
     from romgrl.provenance import stage_graph
 

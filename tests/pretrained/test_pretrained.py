@@ -16,7 +16,7 @@ from romgrl.cli.consistency import misfits
 from romgrl.config.schema import Config
 from romgrl.errors import ArtifactError, ConfigurationError
 from romgrl.pipeline import run as pipeline
-from romgrl.pretrained.__main__ import main, write_artifact
+from romgrl.pretrained.__main__ import write_artifact
 from romgrl.provenance import shipped as what_ships
 from romgrl.provenance import stage_graph
 from romgrl.provenance.shipped import GROUPS, require_shipped
@@ -29,38 +29,10 @@ from tests.conftest import Composer
 from tests.helpers import untrained
 from tests.helpers.configurations import all_keys, with_value
 from tests.helpers.walkers import write_walker
+from tests.pretrained.conftest import SMALL
 
-SMALL = ("experiment=smoke", "stage=evaluation", "tracking=none", "threads=1")
 PRESET = ("student=pretrained", *SMALL)
 PACKAGE = what_ships.PLACE
-
-
-@pytest.fixture(scope="module")
-def outputs(compose_config: Composer, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """An evaluation of walkers that have learned nothing, and all that it needs."""
-    found, saved = tmp_path_factory.mktemp("outputs"), dict(stage_graph.STAGES)
-    untrained.replace_trainings()
-    pipeline.run(compose_config(*SMALL, f"paths.outputs={found}"))
-    stage_graph.STAGES.update(saved)
-    return found
-
-
-@pytest.fixture(scope="module")
-def place(outputs: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Where the command put what it found there."""
-    found = tmp_path_factory.mktemp("package")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(what_ships, "PLACE", found)
-        assert main([str(outputs), "experiment=smoke"]) == 0
-    return found
-
-
-@pytest.fixture
-def shipped(place: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A copy of what ships, that the package takes for its own."""
-    shutil.copytree(place, tmp_path / "package")
-    monkeypatch.setattr(what_ships, "PLACE", tmp_path / "package")
-    return tmp_path / "package"
 
 
 @pytest.fixture
@@ -92,7 +64,8 @@ def test_what_ships_is_what_was_trained(outputs: Path, place: Path) -> None:
 
 def test_nothing_that_ships_tells_about_a_machine(outputs: Path, place: Path, shipped: Path) -> None:
     manifest = replace(read_manifest(place / "teacher"), run_id="a" * 32)
-    write_artifact("teacher", manifest, made(outputs, "teacher"))
+    shutil.rmtree(shipped / "teacher")
+    write_artifact(shipped / "teacher", manifest, made(outputs, "teacher"))
     assert read_manifest(shipped / "teacher").run_id is None
     texts = [path.read_text(encoding="utf-8") for path in shipped.rglob("*") if path.suffix in (".json", ".md", ".csv")]
     for private in ("a" * 32, str(outputs), str(Path.home()), platform.node(), os.sep + "tmp"):
@@ -217,20 +190,6 @@ def test_the_teacher_alone(compose_config: Composer, shipped: Path) -> None:
     assert stage_function("teacher", config) == "romgrl.stages.pretrained:teacher"
     assert {stage_function(stage, config) for stage in ("student", "baseline")} == {"romgrl.stages.student:run"}
     assert stage_settings("student", config)["speed"] == 3.0
-
-
-def test_the_command_says_why_nothing_fits(outputs: Path, shipped: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main([str(outputs), "experiment=smoke", "eta=0.3"]) == 3
-    assert "eta 0.5 instead of 0.3" in capsys.readouterr().err
-    assert main([str(outputs), "experiment=smok"]) == 2
-    assert main([str(outputs), "speed=fast"]) == 2
-    assert "speed: fast is not allowed" in capsys.readouterr().err
-    for arguments, code in (([], 2), (["--help"], 0)):
-        with pytest.raises(SystemExit) as ended:
-            main(arguments)
-        assert ended.value.code == code
-    assert "the directory of results" in capsys.readouterr().out
-    assert (shipped / "MODEL_CARD.md").is_file()
 
 
 def test_the_package_and_its_preset_fit(compose_config: Composer) -> None:

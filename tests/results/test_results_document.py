@@ -9,8 +9,10 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
+from romgrl.artifacts import storage
 from romgrl.config.schema import Config
-from romgrl.results import statistics, sweep_tables
+from romgrl.errors import StorageError
+from romgrl.results import results_document, statistics, sweep_tables
 from romgrl.results.__main__ import main
 from romgrl.results.readme_table import END, START
 from romgrl.results.results_document import public
@@ -90,6 +92,56 @@ def test_a_second_writing_replaces_the_first(default_config: Config, tmp_path: P
     assert (tmp_path / "docs" / "results.md").read_text(encoding="utf-8") == first
     names = sorted(path.name for path in (tmp_path / "docs" / "results").iterdir())
     assert names == ["eta_by_x.png", "eta_cells.csv", "eta_jobs.csv"]
+
+
+def content(place: Path) -> dict[str, bytes]:
+    """Every file of the documents."""
+    return {str(path.relative_to(place)): path.read_bytes() for path in place.rglob("*") if path.is_file()}
+
+
+def test_what_cannot_be_written_leaves_all_as_it_was(
+    default_config: Config, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A README without marks, a sweep without its jobs, a full disk."""
+    outputs, others, place = tmp_path / "outputs", tmp_path / "others", tmp_path / "place"
+    stored(outputs, default_config, "a", "paper", {"seed": ["0"]})
+    stored(others, default_config, "a", "eta", {"eta": ["0.3"]})
+    (place / "docs" / "results").mkdir(parents=True)
+    for name in ("docs/results.md", "docs/results/paper_by_y.png", "docs/results/eta_by_y.png", "bare.md"):
+        (place / name).write_text("old", encoding="utf-8")
+    (place / "README.md").write_text(f"{START}\nold\n{END}\n", encoding="utf-8")
+    (place / "latin.md").write_bytes(b"\xff")
+    before = content(place)
+    cases = [(outputs, "bare.md", 3), (outputs, "latin.md", 3), (outputs, "none.md", 5), (others, "README.md", 3)]
+    for found, readme, code in cases:
+        assert main([str(found), str(place / "docs"), str(place / readme)]) == code
+        assert len(capsys.readouterr().err.splitlines()) == 1
+        assert content(place) == before
+    write = storage.write_bytes
+
+    def full(path: Path, text: bytes) -> None:
+        if path.name == ".results.md.new":
+            raise StorageError(f"{path}: full")
+        write(path, text)
+
+    monkeypatch.setattr(results_document, "write_bytes", full)
+    assert main([str(outputs), str(place / "docs"), str(place / "README.md")]) == 5
+    assert content(place) == before
+    assert sorted(path.name for path in (place / "docs" / "results").iterdir()) == ["eta_by_y.png", "paper_by_y.png"]
+
+
+def test_bad_paths_are_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for arguments in (["", "docs"], ["outputs", ""], ["outputs", "docs", ""]):
+        with pytest.raises(SystemExit) as ended:
+            main(arguments)
+        assert ended.value.code == 2
+        assert capsys.readouterr().err.endswith("is empty; name a place\n")
+    assert main(["a" * 5000, "docs"]) == 5
+    assert capsys.readouterr().err.endswith("a: File name too long\n")
+    assert not [*tmp_path.iterdir()]
 
 
 def test_nothing_to_write_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -5,23 +5,16 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from copy import deepcopy
 from pathlib import Path
-from typing import Protocol
 
-from romgrl.artifacts.checkpoint import CHECKPOINT, Checkpoints, Ring, State
-from romgrl.errors import DivergenceError
+from romgrl.artifacts.checkpoint import CHECKPOINT, Checkpoints, Ring
+from romgrl.errors import ArtifactError, DivergenceError
 from romgrl.runtime import signals
 from romgrl.runtime.stage_log import StageLog
+from romgrl.stages.training.restoring import Stateful, restore_all
 
-
-class Stateful(Protocol):
-    """A part of a training whose state can be taken and put back."""
-
-    def state(self) -> State:
-        """All that its next steps depend on."""
-
-    def restore(self, state: State) -> None:
-        """Go on from a state."""
+__all__ = ["Stateful", "TrainingCheckpoints"]
 
 
 class TrainingCheckpoints:
@@ -50,17 +43,25 @@ class TrainingCheckpoints:
 
     def resume(self) -> int:
         """Restore the newest checkpoint and return its step; 0 where there is none."""
-        found = self._checkpoints.load()
-        if found is None:
-            return 0
-        step, state = found
-        for name, part in self._parts.items():
-            part.restore(state[name])
-        self._step = step
-        self._log.resumed(step)
-        self._log.message(f"goes on at step {step:,} of {self._total:,}")
-        self._saved = time.monotonic()
-        return step
+        fresh = deepcopy({name: part.state() for name, part in self._parts.items()})
+        while found := self._checkpoints.load():
+            step, state = found
+            try:
+                restore_all(self._parts, state, fresh)
+                self._checkpoints.require_rows()
+            except ArtifactError as error:
+                for name, part in self._parts.items():
+                    part.restore(deepcopy(fresh[name]))
+                self._checkpoints.refuse(step, str(error))
+                continue
+            self._step = step
+            self._log.resumed(step)
+            self._log.message(f"goes on at step {step:,} of {self._total:,}")
+            self._saved = time.monotonic()
+            return step
+        if self._checkpoints.directory.is_dir():
+            self._log.resumed(0)  # all that there was is set aside: the curve begins again, too
+        return 0
 
     @contextmanager
     def deferring_signals(self, stage: str) -> Iterator[None]:
