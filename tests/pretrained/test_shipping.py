@@ -33,6 +33,7 @@ def test_a_full_disk_leaves_what_ships(outputs: Path, shipped: Path) -> None:
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096)),
         capture_output=True,
         text=True,
+        encoding="utf-8",
         check=False,
     )
     assert ended.returncode == 5, ended.stderr
