@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import statistics
@@ -68,7 +69,7 @@ def tracking_share(options: Options) -> Result:
         def training(tracking: str) -> float:
             overrides = ("stage=teacher", f"tracking={tracking}", f"paths.outputs={directory}", f"seed={next(seeds)}")
             config = configuration(*overrides, f"teacher.total_steps={steps}", threads=options.threads)
-            made = pipeline.run(config, console=Console(file=open(os.devnull, "w", encoding="utf-8")))  # noqa: SIM115 - closed with the process
+            made = pipeline.run(config, console=Console(file=io.StringIO()))
             return float(json.loads((made["teacher"] / "manifest.json").read_text(encoding="utf-8"))["wall_time"])
 
         sides = {"on": lambda: training("sqlite"), "off": lambda: training("none")}

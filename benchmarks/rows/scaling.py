@@ -6,6 +6,7 @@ import os
 import statistics
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from benchmarks.measure import Options, Result
@@ -57,7 +58,7 @@ def humanoids(options: Options) -> Result:
         env = PlanarHumanoidVectorEnv(num_envs=count, num_threads=options.threads)
         env.reset(seed=0)
         chosen = humanoid.actions(1, count)[0]
-        series.append({"x": count, "y": per_second(lambda env=env, chosen=chosen: env.step(chosen), count, 0.3)})  # type: ignore[misc]
+        series.append({"x": count, "y": per_second(partial(env.step, chosen), count, 0.3)})
     return best(series, "control steps/s", "humanoids", threads=options.threads)
 
 
@@ -88,8 +89,7 @@ def threads(options: Options) -> Result:
 
         def measure(student: Student, steps: int = steps) -> float:
             student.fill()
-            train = lambda: student.train(learning_starts=0, total_steps=steps)  # noqa: E731
-            return 1 / per_second(train, 1, 0.0)
+            return 1 / per_second(partial(student.train, learning_starts=0, total_steps=steps), 1, 0.0)
 
         student_config = configuration("discriminator=none", "eta=1", threads=count)
         series.append({"x": count, "teacher": took, "student": in_student_stage(measure, student_config)})

@@ -1,4 +1,4 @@
-"""All that is used of Hydra without its promise, in one place: pyproject.toml bounds its version for this file's sake.
+"""All that is imported of hydra._internal, in one place: pyproject.toml bounds Hydra's version for its sake.
 
 tests/cli/test_hydra_internals.py says of each what breaks where Hydra has changed it.
 """

@@ -20,16 +20,13 @@ from romgrl.artifacts import (
     tensor_shapes,
 )
 from romgrl.errors import ArtifactError
-from tests.helpers.artifacts import describe, fill
+from tests.helpers.artifacts import describe, whole
 from tests.helpers.damage import forge
 
 
 @pytest.fixture
 def artifact(tmp_path: Path) -> Path:
-    directory = tmp_path / "artifact"
-    fill(directory)
-    describe(directory)
-    return directory
+    return whole(tmp_path / "artifact")
 
 
 def test_round_trip(artifact: Path) -> None:

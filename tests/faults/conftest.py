@@ -16,7 +16,7 @@ from romgrl.tracking.sending.store import Store
 from tests.faults.proxied import MLFLOW, Server, listening, tell
 from tests.faults.runs import Told
 from tests.faults.tcp_proxy import Proxy
-from tests.helpers.artifacts import describe, fill
+from tests.helpers.artifacts import whole
 from tests.helpers.limits import wait_until
 from tests.helpers.ports import free_port
 
@@ -47,10 +47,7 @@ def mark(tmp_path: Path) -> Path:
 @pytest.fixture
 def artifact(tmp_path: Path) -> Path:
     """A small artifact that is whole."""
-    directory = tmp_path / "key"
-    fill(directory)
-    describe(directory)
-    return directory
+    return whole(tmp_path / "key")
 
 
 @pytest.fixture(scope="session")

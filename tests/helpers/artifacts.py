@@ -33,3 +33,10 @@ def describe(directory: Path, *, stage: str = "teacher", key: str = "key") -> Ma
         seed=0,
         wall_time=1.5,
     )
+
+
+def whole(directory: Path) -> Path:
+    """The directory, filled and described."""
+    fill(directory)
+    describe(directory)
+    return directory
