@@ -46,7 +46,14 @@ class Student:
 
     name: str = key("what it is called; not given: as its preset")
     alpha: float = key("sensitivity of the velocity reward", unit="s/m", low=1e-9, high=1e6)
-    total_steps: int = key("environment steps", low=1, high=10**12)
+    total_steps: int = key("environment steps (at most, with minutes)", low=1, high=10**12)
+    minutes: float | None = key(
+        "wall time of training after which student and baseline each stop, or at total_steps where that is sooner; "
+        "learning rates and candidates follow the nearer end; not reproducible bit by bit; null: no limit",
+        unit="min",
+        above=0,
+        high=1e6,
+    )
     num_envs: int = key("humanoids stepped together", low=1, high=100_000)
     updates_per_step: float = key("critic updates per environment step", above=0, high=1000)
     learning_starts: int = key("environment steps before the first update", low=0, high=10**12)

@@ -21,6 +21,7 @@ from romgrl.humanoid.reference_states import reference_bank
 from romgrl.humanoid.start_states import BANK_SIZE
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 from romgrl.runtime.stage_log import StageLog
+from romgrl.stages.training.budget import Budget
 from romgrl.stages.training.checkpoints import Stateful, TrainingCheckpoints
 from romgrl.stages.training.discriminator_watch import HealthWatch
 from romgrl.stages.training.policy_selection import Candidates, choose
@@ -72,7 +73,7 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
     with second_lane(beside) as lane:
         learner = build_student_learner(config, env, windows.layout, inputs.get("reference"), lane)
 
-        candidates = Candidates(config.student.total_steps, config.student.candidates)
+        candidates = Candidates(config.student.candidates)
 
         def save(moments: tuple[Tensor, Tensor] | None = None) -> None:
             mean_and_scale = moments or learner.normalizer.mean_and_scale()
@@ -117,25 +118,27 @@ def train_student(
     windows.restart(frame(info))
     loop = StudentLoop(torch.from_numpy(observation).to(device))
     health = HealthWatch(config, output, log)
+    budget = Budget(student.total_steps, student.minutes)
     parts: dict[str, Stateful] = {"env": env, "windows": windows, "learner": learner, "candidates": candidates}
     checkpoints = TrainingCheckpoints(
         output,
-        parts | {"loop": loop, "tally": tally, "health": health},
+        parts | {"loop": loop, "tally": tally, "health": health, "budget": budget},
         ring=learner.buffer,
         save_policy=save,
         seconds=config.checkpoint_seconds,
         total=student.total_steps,
         log=log,
     )
-    first = checkpoints.resume()
+    step = checkpoints.resume()
+    budget.start()
     with checkpoints.deferring_signals("student"):
-        for step in range(first, student.total_steps, env.num_envs):
+        while not budget.reached(step):
             action = explore(learner, loop.observation, env, random=step < student.learning_starts)
             stepped = submit_or_run(learner.sac.lane, env.step, action.cpu().numpy())
             if step >= student.learning_starts:
                 loop.due += student.updates_per_step * env.num_envs
                 if student.learning_rate_decay:
-                    learner.scale_learning_rates(min(1.0, 2 * (1 - step / student.total_steps)))
+                    learner.scale_learning_rates(min(1.0, 2 * (1 - budget.share(step))))
                 loop.metrics |= learner.update(int(loop.due)) if loop.due >= 1 else {}
                 loop.due -= int(loop.due)
             updated = learner.start_discriminator()
@@ -153,23 +156,32 @@ def train_student(
             tally.add(info, terminated, finished)
             loop.observation = following
             loop.metrics |= updated()
-            done = step + env.num_envs
-            if done % LOG_INTERVAL < env.num_envs or done >= student.total_steps:
-                tell(log, loop, tally, learner, health, done, student.total_steps)
+            step += env.num_envs
+            budget.tick()
+            if step % LOG_INTERVAL < env.num_envs or budget.reached(step):
+                tell(log, loop, tally, learner, health, step, budget)
             if learner.just_stopped():
-                log.message(f"the discriminator stopped at step {done:,}: no better on held-out windows")
-            candidates.keep(done, learner)
-            checkpoints.save_if_due(done)
+                log.message(f"the discriminator stopped at step {step:,}: no better on held-out windows")
+            candidates.keep(step, budget, learner)
+            checkpoints.save_if_due(step)
 
 
 def tell(
-    log: StageLog, loop: StudentLoop, tally: StudentTally, learner: RomGrl, health: HealthWatch, step: int, total: int
+    log: StageLog,
+    loop: StudentLoop,
+    tally: StudentTally,
+    learner: RomGrl,
+    health: HealthWatch,
+    step: int,
+    budget: Budget,
 ) -> None:
-    """Write a row of the learning curve, and say what is wrong with the discriminator."""
+    """Write a row of the learning curve, and say what is wrong with the discriminator; at the end, what was used."""
     values = loop.numbers() | tally.take() | learner.counts() | learner.measures(LOG_INTERVAL)
     log.metrics(values, step)
-    log.progress(step, total, speed=values["speed"], episode=values["episode_seconds"])
+    log.progress(step, budget.expected_steps(step), speed=values["speed"], episode=values["episode_seconds"])
     health.add(values, step)
+    if budget.minutes is not None and budget.reached(step):
+        log.message(budget.summary(step))
 
 
 def explore(learner: RomGrl, current: Tensor, env: PlanarHumanoidVectorEnv, *, random: bool) -> Tensor:

@@ -11,6 +11,7 @@ from romgrl.algorithms.sac import SAC, load_sac_policy
 from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import student
 from romgrl.stages.training import policy_selection
+from romgrl.stages.training.budget import Budget
 from romgrl.stages.training.policy_selection import Candidates
 from tests.conftest import Composer
 
@@ -30,21 +31,22 @@ class Learner:
 
 
 def test_candidates_are_evenly_spaced_over_the_second_half() -> None:
-    candidates = Candidates(total=100, count=5)
+    candidates, budget = Candidates(count=5), Budget(100)
     for step in range(3, 103, 3):
-        candidates.keep(step, Learner(step))  # type: ignore[arg-type]
+        candidates.keep(step, budget, Learner(step))  # type: ignore[arg-type]
     assert candidates.steps == [60, 72, 81, 90, 102]
     assert [float(weights[0]) for weights in candidates.weights] == [60, 72, 81, 90, 102]
 
 
 def test_a_resumed_training_has_the_same_candidates() -> None:
-    whole, first, second = (Candidates(total=100, count=5) for _ in range(3))
+    whole, first, second = (Candidates(count=5) for _ in range(3))
+    budget = Budget(100)
     second.restore(first.state())  # before there is any
     for step in range(5, 105, 5):
-        whole.keep(step, Learner(step))  # type: ignore[arg-type]
+        whole.keep(step, budget, Learner(step))  # type: ignore[arg-type]
         if step == 80:
             second.restore(first.state())
-        (first if step <= 75 else second).keep(step, Learner(step))  # type: ignore[arg-type]
+        (first if step <= 75 else second).keep(step, budget, Learner(step))  # type: ignore[arg-type]
     assert second.steps == whole.steps
     for name, values in whole.state().items():
         assert torch.equal(torch.as_tensor(second.state()[name]), torch.as_tensor(values))

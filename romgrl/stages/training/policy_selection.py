@@ -19,6 +19,7 @@ from romgrl.config.schema import Config
 from romgrl.gait.discriminator_windows import FrameWindows, WindowLayout
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 from romgrl.runtime.stage_log import StageLog
+from romgrl.stages.training.budget import Budget
 from romgrl.stages.wiring.humanoid import humanoid_env
 
 EPISODES, STEPS = 16, 300
@@ -27,17 +28,16 @@ FILE = "selection.csv"
 
 @dataclass
 class Candidates:
-    """`count` averaged policies, evenly spaced over the second half of `total` steps, with the moments they need."""
+    """`count` averaged policies, evenly spaced over the second half of a budget, with the moments they need."""
 
-    total: int
     count: int
     steps: list[int] = field(default_factory=list)
     weights: list[Tensor] = field(default_factory=list)
     moments: list[tuple[Tensor, Tensor]] = field(default_factory=list)
 
-    def keep(self, step: int, learner: RomGrl) -> None:
+    def keep(self, step: int, budget: Budget, learner: RomGrl) -> None:
         """Take in the policy as it is after `step`, where one is due; the last one is due at the end."""
-        if len(self.steps) < self.count and step >= self.total * (1 + (len(self.steps) + 1) / self.count) / 2:
+        if len(self.steps) < self.count and budget.reached(step, (1 + (len(self.steps) + 1) / self.count) / 2):
             self.steps.append(step)
             self.weights.append(learner.sac.average.flat.clone())
             self.moments.append(learner.normalizer.mean_and_scale())
