@@ -29,6 +29,7 @@ PLAIN_SAC = (
     "discriminator=none",
     "eta=1",
     "student.policy_delay=1",
+    "student.policy_updates=1",
     "student.num_envs=32",
     "student.learning_starts=10_000",
     "student.total_steps=10_000",

@@ -41,7 +41,9 @@ class SAC:
 
     `simultaneous`: both gradients of an update are taken at the same point, before either is applied. They then need
     nothing of one another, so that `lane`, an executor of one thread, can compute the policy's beside the critics';
-    the numbers are the same with and without it. Otherwise the policy sees the critics after their step.
+    the numbers are the same with and without it. Otherwise the policy sees the critics after their step, and makes
+    `policy_updates` of its own in a row, each with the temperature's and with fresh noise, in every `policy_delay`-th
+    update. Raises ValueError for more than one of them at the same point.
     """
 
     def __init__(
@@ -62,15 +64,19 @@ class SAC:
         critic_target: str,
         policy_average: float,
         seed: int,
+        policy_updates: int = 1,
         simultaneous: bool = False,
         lane: Executor | None = None,
         device: str = "cpu",
     ) -> None:
+        if simultaneous and policy_updates > 1:
+            raise ValueError(f"{policy_updates} policy updates in a row cannot be simultaneous with the critics'")
         torch.manual_seed(seed)
         self.generator = torch.Generator(device=device).manual_seed(seed)
         self.gamma, self.tau, self.policy_delay, self.critic_target = gamma, tau, policy_delay, critic_target
         self.action_size, self.target_entropy = action_size, -target_entropy_scale * action_size
-        self.policy_average, self.simultaneous, self.lane = policy_average, simultaneous, lane
+        self.policy_average, self.policy_updates = policy_average, policy_updates
+        self.simultaneous, self.lane = simultaneous, lane
         shape: dict[str, Any] = {"hidden_sizes": hidden_sizes, "layer_norm": layer_norm}
         self.network: dict[str, Any] = {"inputs": observation_size, "outputs": 2 * action_size, **shape}
         critic: dict[str, Any] = {"inputs": observation_size + action_size, "outputs": 1, "stack": 2, **shape}
@@ -98,19 +104,19 @@ class SAC:
 
     def update(self, batch: Batch, reward: Tensor) -> Metrics:
         """One SAC update on a batch with its total reward (B,); returns scalars to log."""
-        next_noise, noise = self._noise(2, len(reward))
+        next_noise, *noises = self._noise(1 + self.policy_updates, len(reward))
         due = self.updates % self.policy_delay == 0
         policy: Callable[[], Metrics] | None = None
         following = submit_or_run(self.lane, self.sample, batch.next_observation, next_noise, "next_policy")
         if due and self.simultaneous:
-            policy = submit_or_run(self.lane, self.policy_gradient, batch.observation, noise)
+            policy = submit_or_run(self.lane, self.policy_gradient, batch.observation, noises[0])
         metrics = self.critic_gradient(batch, reward, following)
         metrics |= policy() if policy is not None else {}
         require_finite(critic_loss=metrics["critic_loss"], critic_gradient=self.critic.gradient)
         self.critic_optimizer.step()
-        if due and not self.simultaneous:
-            metrics |= self.policy_gradient(batch.observation, noise)
-        if due:
+        for noise in noises if due else ():
+            if not self.simultaneous:
+                metrics |= self.policy_gradient(batch.observation, noise)
             require_finite(policy_loss=metrics["policy_loss"], policy_gradient=self.policy.gradient)
             self.policy_optimizer.step()
             self.average.flat.lerp_(self.policy.flat, 1 - self.policy_average)

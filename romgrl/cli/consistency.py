@@ -85,6 +85,13 @@ def replay_buffer(config: Config) -> Iterator[str]:
         yield refusal("student.learning_starts", student.learning_starts, permitted)
 
 
+def policy_updates(config: Config) -> Iterator[str]:
+    """Of several policy updates in a row only one could be taken at the same point as that of the critics."""
+    student = config.student
+    if student.simultaneous and student.policy_updates > 1:
+        yield refusal("student.policy_updates", student.policy_updates, "1 with student.simultaneous=true")
+
+
 def reference_episodes(config: Config) -> list[int]:
     """Steps of each episode of the reference."""
     longest, left = math.ceil(config.reference.steps / config.reference.episodes), config.reference.steps
@@ -213,6 +220,7 @@ CHECKS: tuple[tuple[tuple[str, ...], Callable[[Config], Iterator[str]]], ...] = 
     at_most("reference.episodes", "reference.steps"),
     (("teacher.num_envs", "teacher.rollout_steps", "teacher.minibatch_size"), rollout),
     (REPLAY, replay_buffer),
+    (("student.policy_updates", "student.simultaneous"), policy_updates),
     ((*REFERENCE, "evaluation.window"), scored_window),
     ((*REFERENCE, *DISCRIMINATOR), discriminator_windows),
     (CRITIC, critic),

@@ -70,7 +70,10 @@ class Student:
     learning_rate_decay: bool = key("true: all learning rates fall linearly to zero over the second half")
     gamma: float = key("discount factor", above=0, high=1)
     tau: float = key("share of the critics copied into their targets at each update", above=0, high=1)
-    policy_delay: int = key("critic updates per policy update", low=1, high=10**6)
+    policy_delay: int = key("critic updates from one time that the policy is due to the next", low=1, high=10**6)
+    policy_updates: int = key(
+        "policy and temperature updates in a row when they are due; more than 1: simultaneous=false", low=1, high=1000
+    )
     simultaneous: bool = key(
         "true: policy and critics take their gradients at the same point, on two threads; false: critics first"
     )

@@ -199,6 +199,31 @@ def test_policy_sees_the_critics_of_before_only_where_gradients_are_simultaneous
     assert changed == [True, False]
 
 
+def test_policy_updates_in_a_row_are_those_made_one_by_one() -> None:
+    """After the critics' step, each with noise of its own; nothing in the updates between."""
+    row, single = (SAC(**{**SETTINGS, "policy_updates": count}) for count in (3, 1))
+    batch, reward = make_batch(), torch.linspace(-1, 1, 16)
+    next_noise, *noises = single._noise(4, 16)
+    single.critic_gradient(batch, reward, lambda: single.sample(batch.next_observation, next_noise, "next_policy"))
+    single.critic_optimizer.step()
+    for noise in noises:
+        single.policy_gradient(batch.observation, noise)
+        single.policy_optimizer.step()
+        single.average.flat.lerp_(single.policy.flat, 0.5)
+    row.update(batch, reward)
+    for name in ("policy", "average", "critic"):
+        assert torch.equal(getattr(row, name).flat, getattr(single, name).flat), name
+    assert torch.equal(row.log_temperature, single.log_temperature)
+    before = row.policy.flat.clone()
+    row.update(batch, reward)
+    assert torch.equal(before, row.policy.flat)
+
+
+def test_policy_updates_in_a_row_are_not_simultaneous() -> None:
+    with pytest.raises(ValueError, match="2 policy updates in a row"):
+        SAC(**{**SETTINGS, "policy_updates": 2, "simultaneous": True})
+
+
 def test_policy_file_rebuilds_the_averaged_policy(tmp_path: Path) -> None:
     sac = SAC(**SETTINGS)
     columns, mean, scale = torch.tensor([4, 0, 2]), torch.ones(3), torch.full((3,), 2.0)

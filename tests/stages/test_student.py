@@ -166,6 +166,21 @@ def test_learning_rates_fall_to_zero_over_the_second_half(
         assert optimizer.param_groups[0]["lr"] == pytest.approx(rate * scales[-1])
 
 
+@pytest.mark.parametrize(("preset", "updates"), [("sac", 6), ("fast_sac", 3)])
+def test_how_often_the_policy_is_updated(
+    preset: str, updates: int, configuration: Composer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Five updates of the critics: `student=sac` makes two of policy and temperature where they are due, as CleanRL."""
+    learners: list[RomGrl] = []
+    build = student.build_student_learner
+    monkeypatch.setattr(student, "build_student_learner", lambda *a: learners.append(build(*a)) or learners[-1])
+    keys = (f"student={preset}", "student.total_steps=604", "student.candidates=0", "discriminator=none", "eta=1")
+    student.run(configuration(*keys), {}, tmp_path, SilentLog())
+    sac = learners[0].sac
+    made = [int(each["step"]) for each in sac.policy_optimizer.state.values()]
+    assert (sac.updates, made) == (5, [updates, updates])
+
+
 def test_tally_of_episodes() -> None:
     tally = StudentTally(num_envs=2, control_frequency=30.0)
     info = {"forward_velocity": np.array([1.0, 3.0]), "trunk_lean": np.zeros(2), "diverged": np.zeros(2)}

@@ -52,6 +52,7 @@ def build_student_learner(
         gamma=student.gamma,
         tau=student.tau,
         policy_delay=student.policy_delay,
+        policy_updates=student.policy_updates,
         critic_target=student.critic_target,
         policy_average=student.policy_average,
         simultaneous=student.simultaneous,
