@@ -110,6 +110,12 @@ class Discriminator:
     trunk_std: float = key(
         "spread of the trunk inclination in the reference stream (0 for the ROM)", unit="rad", low=0, high=10
     )
+    trunk_time: float | None = key(
+        "time after which that inclination's correlation is 1/e; null: one inclination for all of a window",
+        unit="s",
+        above=0,
+        high=1000,
+    )
     hidden_sizes: list[int] = key("hidden layers", low=1, high=65_536)
     dropout: float = key("dropout after each hidden layer", low=0, high=0.9)
     learning_rate: float = key("Adam learning rate", above=0, high=1)

@@ -118,11 +118,12 @@ def reference_windows(
     trunk_std: float,
     mirror: bool,
     seed: int,
+    trunk_time: float | None = None,
 ) -> Float32:
     """Windows of a reference, (M, layout.size), none of which crosses an episode.
 
-    With the trunk, each window gets one inclination from N(0, trunk_std): the ROM's trunk is upright. With `mirror`,
-    each window is followed by its mirror image.
+    With the trunk, each window gets inclinations of its own (`trunk_leans`): the ROM's trunk is upright. With `mirror`,
+    each window is followed by its mirror image, which leans as it does.
     """
     span = layout.span
     starts = np.arange(len(features) - span + 1)
@@ -131,9 +132,25 @@ def reference_windows(
         raise ValueError(f"no episode of the reference holds a window of {span} steps")
     steps = features[starts[:, None] + np.arange(span)]
     if layout.trunk:
-        lean = np.random.default_rng(seed).normal(0.0, trunk_std, (len(starts), 1, 1)).astype(np.float32)
-        steps = np.concatenate((steps, np.broadcast_to(lean, (len(starts), span, 1))), axis=-1)
+        lean = trunk_leans(len(starts), span, std=trunk_std, time=trunk_time, dt=layout.dt, seed=seed)
+        steps = np.concatenate((steps, lean[..., None]), axis=-1)
     flat = layout.windows(steps.astype(np.float32))
     if mirror:
         flat = np.stack((flat, layout.mirror().image(flat)), axis=1).reshape(2 * len(starts), -1)
     return flat
+
+
+def trunk_leans(count: int, span: int, *, std: float, time: float | None, dt: float, seed: int) -> Float32:
+    """Inclinations of the trunk (count, span) in rad, `dt` seconds apart along `count` windows that are independent.
+
+    Each is a stretch of a smooth stationary Gaussian process: N(0, std) at every step, and exp(-(lag / time)^2) is the
+    correlation between two steps, so that the lean rate has a standard deviation of sqrt(2) std / time. time: seconds
+    after which the correlation is 1/e; None: without end, one inclination for all of a window.
+    """
+    random = np.random.default_rng(seed)
+    if time is None:
+        lean = random.normal(0.0, std, (count, 1)).astype(np.float32)
+        return np.broadcast_to(lean, (count, span))
+    lag = dt * np.subtract.outer(np.arange(span), np.arange(span))
+    covariance = std**2 * np.exp(-((lag / time) ** 2))
+    return random.multivariate_normal(np.zeros(span), covariance, count).astype(np.float32)

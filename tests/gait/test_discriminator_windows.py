@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from romgrl.gait.discriminator_windows import FrameWindows, WindowLayout, reference_windows
+from romgrl.gait.discriminator_windows import FrameWindows, WindowLayout, reference_windows, trunk_leans
 from romgrl.gait.features import MIRROR
 
 DT = 1 / 30
@@ -97,3 +97,60 @@ def test_strided_windows_stay_within_episodes() -> None:
     np.testing.assert_array_equal(windows[:, ::5], [[0, 4, 8], [1, 5, 9], [2, 6, 10], [3, 7, 11]])
     with pytest.raises(ValueError, match="no episode"):
         reference_windows(features, episode, layout=WindowLayout("paper", 4, 4, DT), trunk_std=0, mirror=False, seed=0)
+
+
+STD, TIME = 0.08, 0.1
+
+
+def leans(count: int, span: int, time: float | None = TIME, dt: float = DT, seed: int = 0) -> NDArray[np.float32]:
+    return trunk_leans(count, span, std=STD, time=time, dt=dt, seed=seed)
+
+
+def test_the_lean_is_a_stationary_process() -> None:
+    """At every step N(0, std), with the correlation of the docstring, 1/e after `time`; windows are independent."""
+    lean = leans(20_000, 13)
+    assert lean.dtype == np.float32
+    np.testing.assert_allclose(lean.mean(0), 0, atol=4 * STD / np.sqrt(20_000))
+    np.testing.assert_allclose(lean.std(0), STD, rtol=0.03)
+    lag = np.abs(np.subtract.outer(np.arange(13), np.arange(13)))
+    correlation = np.corrcoef(lean.T)
+    np.testing.assert_allclose(correlation, np.exp(-((lag * DT / TIME) ** 2)), atol=0.03)
+    np.testing.assert_allclose(correlation[lag == 3], np.exp(-1), atol=0.03)
+    np.testing.assert_allclose(np.corrcoef(lean[:-1, 5], lean[1:, 5])[0, 1], 0, atol=0.03)
+
+
+def test_the_lean_is_smooth() -> None:
+    """It has a rate: differences shrink as the steps do, and those of the rate, too."""
+    for dt in (TIME / 20, TIME / 40):
+        rate = np.diff(leans(5_000, 9, dt=dt).astype(np.float64)) / dt
+        np.testing.assert_allclose(rate.std(0), np.sqrt(2) * STD / TIME, rtol=0.05)
+        assert np.abs(np.diff(rate)).max() < 6 * np.sqrt(12) * STD / TIME**2 * dt
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_lean_that_takes_long_is_constant_within_a_window() -> None:
+    slow, still = leans(2_000, 13, time=1000.0), leans(2_000, 13, time=None)
+    assert np.ptp(slow, axis=1).max() < 5e-3 * STD
+    assert not np.ptp(still, axis=1).any()
+    np.testing.assert_allclose([slow[:, 0].std(), still[:, 0].std()], STD, rtol=0.06)
+    once = np.random.default_rng(0).normal(0.0, STD, 2_000).astype(np.float32)
+    np.testing.assert_array_equal(still[:, 0], once)
+
+
+def test_the_seed_decides_the_lean() -> None:
+    np.testing.assert_array_equal(leans(10, 4), leans(10, 4))
+    assert not np.array_equal(leans(10, 4), leans(10, 4, seed=1))
+
+
+@pytest.mark.parametrize("features", ["trunk", "trunk_velocities"])
+def test_mirror_images_share_a_lean_that_moves(features: str) -> None:
+    motion = np.random.default_rng(2).normal(size=(60, 5)).astype(np.float32)
+    layout, episode = WindowLayout(features, 4, 1, DT), np.repeat([0, 1], 30).astype(np.int32)
+    windows = reference_windows(motion, episode, layout=layout, trunk_std=STD, trunk_time=TIME, mirror=True, seed=0)
+    lean = windows.reshape(-1, 2, 4, layout.columns)[..., 5]
+    np.testing.assert_array_equal(lean[:, 0], lean[:, 1])
+    assert (np.diff(lean) != 0).all()
+    still = reference_windows(motion, episode, layout=layout, trunk_std=STD, mirror=True, seed=0)
+    others = np.delete(np.arange(layout.columns), 5)
+    frames, same = (each.reshape(-1, 4, layout.columns)[..., others] for each in (windows, still))
+    np.testing.assert_array_equal(frames, same)

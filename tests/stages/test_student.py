@@ -19,6 +19,7 @@ from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import student
 from romgrl.stages.training.student_statistics import StudentTally
+from romgrl.stages.wiring import student_learner
 from tests.conftest import Composer
 
 SMALL = (
@@ -179,6 +180,17 @@ def test_how_often_the_policy_is_updated(
     sac = learners[0].sac
     made = [int(each["step"]) for each in sac.policy_optimizer.state.values()]
     assert (sac.updates, made) == (5, [updates, updates])
+
+
+@pytest.mark.parametrize(("time", "moves"), [("null", False), ("0.1", True)])
+def test_the_real_stream_leans_as_configured(time: str, moves: bool, configuration: Composer, reference: Path) -> None:
+    config = configuration(f"discriminator.trunk_time={time}")
+    layout = student.window_layout(config)
+    discriminator = student_learner.build_discriminator(config, layout, reference)
+    assert discriminator is not None
+    lean = discriminator.real.reshape(-1, layout.window, layout.columns)[..., 5]
+    assert bool((lean.diff() != 0).any()) == moves
+    assert float(lean.std()) == pytest.approx(config.discriminator.trunk_std, rel=0.1)
 
 
 def test_tally_of_episodes() -> None:

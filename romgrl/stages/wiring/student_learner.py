@@ -85,6 +85,7 @@ def build_discriminator(config: Config, layout: WindowLayout, reference: Path | 
         arrays["episode"],
         layout=layout,
         trunk_std=discriminator.trunk_std,
+        trunk_time=discriminator.trunk_time,
         mirror=config.student.mirror,
         seed=config.seed,
     )
