@@ -42,7 +42,7 @@ TRIALS_FILE = "trials.csv"
 def require_optuna() -> None:
     """Raise ConfigurationError where Optuna is not installed."""
     if find_spec("optuna") is None:
-        raise ConfigurationError("hydra/sweeper=optuna: is not installed; pip install 'romgrl[optuna]'")
+        raise ConfigurationError("hydra/sweeper=optuna: is not installed; pip install optuna, the extra romgrl[optuna]")
 
 
 def common_settings(config: DictConfig, space: dict[str, Scale], fixed: Sequence[str], loader: Any) -> dict[str, Any]:
