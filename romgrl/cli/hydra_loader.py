@@ -21,7 +21,7 @@ from yaml import YAMLError
 from romgrl.cli.allowlist import GuardedLoader
 from romgrl.cli.compose import COMPOSITION_ERRORS, CONF, explanation
 from romgrl.cli.hydra_internals import BasicSweeper, create_config_search_path
-from romgrl.cli.search_space import Scale, scale_of
+from romgrl.cli.search_space import Scale, scale_from
 from romgrl.cli.typed_text import holds, quoted
 from romgrl.config.values import refusal, schema_groups, schema_keys, suggestion
 from romgrl.errors import one_line
@@ -140,7 +140,7 @@ def split_search(overrides: Sequence[str], loader: ConfigLoader) -> tuple[dict[s
     """
     parsed = OverridesParser.create(loader).parse_overrides(list(overrides))
     last = {override.get_key_element(): override for override in parsed}
-    space = {key: scale_of(override) for key, override in last.items() if override.is_sweep_override()}
+    space = {key: scale_from(override) for key, override in last.items() if override.is_sweep_override()}
     return space, [override.input_line or "" for key, override in last.items() if key not in space]
 
 

@@ -63,7 +63,7 @@ class Scale:
         return str(min(max(rounded(value), self.low), self.high))
 
 
-def scale_of(override: Override) -> Scale:
+def scale_from(override: Override) -> Scale:
     """The scale of a key that a search varies: an interval, or a list or range of values without an order."""
     if not override.is_interval_sweep():
         return Scale(tuple(dict.fromkeys(override.sweep_string_iterator())))

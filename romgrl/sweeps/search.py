@@ -61,7 +61,7 @@ def searching(config: DictConfig, loader: Any) -> Iterator[tuple[Study, dict[str
     Raises ConfigurationError where it cannot be had.
     """
     require_optuna()
-    from romgrl.sweeps.study import NAME, open_study
+    from romgrl.sweeps.study import NAME, open_study, store_faults
 
     sweeper = config.hydra.sweeper
     store, name = Path(str(sweeper.storage)), str(sweeper.study_name)
@@ -75,7 +75,9 @@ def searching(config: DictConfig, loader: Any) -> Iterator[tuple[Study, dict[str
         except Timeout:
             raise ConfigurationError(refusal(NAME, name, "a name that no other search is using now")) from None
     try:
-        yield open_study(store, name, sweeper.direction, settings), space, fixed
+        study = open_study(store, name, sweeper.direction, settings)
+        with store_faults(store):
+            yield study, space, fixed
     finally:
         lock.release()
 
@@ -115,7 +117,7 @@ class OptunaSweeper(Sweeper):
         self, study: Study, batch: list[Trial], space: dict[str, Scale], fixed: list[str], start: int, trials: int
     ) -> bool:
         """Run a batch and tell Optuna how it ended; false where a signal stopped it, which leaves the rest waiting."""
-        from romgrl.sweeps.study import overrides_of, tell
+        from romgrl.sweeps.study import note_value, overrides_of
 
         directory = Path(str(self.search.hydra.sweep.dir))
         jobs = [[*fixed, *overrides_of(trial, space)] for trial in batch]
@@ -125,7 +127,7 @@ class OptunaSweeper(Sweeper):
         for trial, job in zip(batch, returned, strict=True):
             value = job.return_value  # raises what a job did not expect
             if value is not None or not stopped:
-                tell(study, trial, value)
+                note_value(study, trial, value)
         return not stopped
 
     def conclude(self, study: Study, space: dict[str, Scale], directory: Path) -> None:

@@ -10,13 +10,14 @@ from __future__ import annotations
 import json
 import math
 import sqlite3
-from collections.abc import Mapping
-from contextlib import closing
+from collections.abc import Iterator, Mapping
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any, Literal
 
 import optuna
 from optuna.distributions import BaseDistribution, CategoricalDistribution, FloatDistribution, IntDistribution
+from optuna.exceptions import OptunaError
 from optuna.study import Study
 from optuna.trial import FrozenTrial, Trial, TrialState
 from sqlalchemy.exc import SQLAlchemyError
@@ -40,21 +41,27 @@ def open_study(store: Path, name: str, direction: Direction, settings: Mapping[s
     """
     optuna.logging.set_verbosity(optuna.logging.ERROR)
     require_store(store)
-    try:
-        store.parent.mkdir(parents=True, exist_ok=True)
+    with store_faults(store):
         study = optuna.create_study(
             storage=sqlite_address(store), study_name=name, direction=direction, load_if_exists=True
         )
         settings = json.loads(json.dumps({"hydra.sweeper.direction": direction, **settings}))
         known = study.user_attrs.get(SETTINGS, settings)
         study.set_user_attr(SETTINGS, known)
-    except (SQLAlchemyError, OSError) as error:
-        raise StorageError(f"{store}: {one_line(str(error.__cause__ or error))}") from error
     for key in sorted({*known, *settings}):
         if known.get(key) != settings.get(key):
             other = f"{key} = {show(known.get(key))}, not {show(settings.get(key))}"
             raise ConfigurationError(refusal(NAME, name, f"a new name; the search of this one has {other}"))
     return study
+
+
+@contextmanager
+def store_faults(store: Path) -> Iterator[None]:
+    """Turn what goes wrong with the store while the block runs, as on a full disk, into a StorageError."""
+    try:
+        yield
+    except (SQLAlchemyError, OptunaError) as error:
+        raise StorageError(f"{store}: {one_line(str(error.__cause__ or error))}") from error
 
 
 def require_store(path: Path) -> None:
@@ -103,7 +110,7 @@ def ask(study: Study, space: Mapping[str, Scale], seed: int) -> Trial:
     return study.ask({key: distribution(scale) for key, scale in space.items()})
 
 
-def tell(study: Study, trial: Trial, value: float | None) -> None:
+def note_value(study: Study, trial: Trial, value: float | None) -> None:
     """How a trial ended: with a number, with nan for settings that have none, or with None where it failed."""
     if value is None:
         study.tell(trial, state=TrialState.FAIL)

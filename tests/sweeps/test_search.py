@@ -50,11 +50,11 @@ def test_a_search_goes_on_where_it_stopped(command: Command, tmp_path: Path) -> 
 
 
 def test_a_search_whose_trainings_diverge_goes_on_and_says_so(command: Command, tmp_path: Path) -> None:
-    result = command(*SEARCH, FAKE_FAULT="student:diverge")
+    result = command(*SEARCH[:-1], "hydra.sweeper.n_trials=1", FAKE_FAULT="student:diverge")
     assert result.returncode == 4
     assert "Traceback" not in result.stderr
     assert "search: no trial has average/raw/reduction_percent" in result.stderr.splitlines()
-    assert [(row["ended"], row["objective"]) for row in told(tmp_path / "outputs")] == [("no number", "")] * 2
+    assert [(row["ended"], row["objective"]) for row in told(tmp_path / "outputs")] == [("no number", "")]
 
 
 def test_without_optuna_nothing_begins(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ import pytest
 from optuna.trial import TrialState
 
 from romgrl.cli.search_space import Scale
-from romgrl.errors import ConfigurationError
+from romgrl.errors import ConfigurationError, StorageError
 from romgrl.sweeps import study as trials
 
 SPACE = {"eta": Scale((), 0.1, 0.9), "noise": Scale((), 0.01, 0.2, log=True), "window": Scale(("1", "2", "4"))}
@@ -35,7 +35,7 @@ def searched(study: optuna.Study, number: int) -> list[list[str]]:
     for _ in range(number):
         trial = trials.ask(study, SPACE, seed=3)
         found.append(trials.overrides_of(trial, SPACE))
-        trials.tell(study, trial, value(trial))
+        trials.note_value(study, trial, value(trial))
     return found
 
 
@@ -56,7 +56,7 @@ def test_a_search_that_was_stopped_tries_what_it_would_have_tried(tmp_path: Path
 def test_how_a_trial_ended_is_its_state(tmp_path: Path) -> None:
     study = opened(tmp_path)
     for number in (1.5, math.nan, math.inf, None, 0.5):
-        trials.tell(study, trials.ask(study, SPACE, seed=0), number)
+        trials.note_value(study, trials.ask(study, SPACE, seed=0), number)
     states = [trial.state for trial in study.get_trials()]
     assert states == [
         TrialState.COMPLETE,
@@ -72,6 +72,15 @@ def test_how_a_trial_ended_is_its_state(tmp_path: Path) -> None:
     assert trials.take_up(study) == 1  # what failed
     again = trials.ask(study, SPACE, seed=0)
     assert again.params == study.get_trials()[3].params
+
+
+def test_a_store_that_breaks_is_told_on_one_line(tmp_path: Path) -> None:
+    study = opened(tmp_path)
+    with closing(sqlite3.connect(tmp_path / "optuna.db")) as file:
+        file.execute("drop table trial_params")
+    with pytest.raises(StorageError, match=r"^.*/optuna.db: .*no such table: trial_params"):
+        with trials.store_faults(tmp_path / "optuna.db"):
+            trials.ask(study, SPACE, seed=0)
 
 
 def test_numbers_are_short_and_inside(tmp_path: Path) -> None:
