@@ -78,9 +78,9 @@ def test_a_store_that_breaks_is_told_on_one_line(tmp_path: Path) -> None:
     study = opened(tmp_path)
     with closing(sqlite3.connect(tmp_path / "optuna.db")) as file:
         file.execute("drop table trial_params")
-    with pytest.raises(StorageError, match=r"^.*/optuna.db: .*no such table: trial_params"):
-        with trials.store_faults(tmp_path / "optuna.db"):
-            trials.ask(study, SPACE, seed=0)
+    told = pytest.raises(StorageError, match=r"^.*/optuna.db: .*no such table: trial_params")
+    with told, trials.store_faults(tmp_path / "optuna.db"):
+        trials.ask(study, SPACE, seed=0)
 
 
 def test_numbers_are_short_and_inside(tmp_path: Path) -> None:
