@@ -19,11 +19,11 @@ def main() -> None:
     run(job)
 
 
-def job(config: Config, overrides: Sequence[str]) -> None:
+def job(config: Config, overrides: Sequence[str]) -> float | None:
     """Run a job; what it needs is imported when there is one."""
     from romgrl.sweeps.launch import run_job
 
-    run_job(config, overrides)
+    return run_job(config, overrides)
 
 
 if __name__ == "__main__":

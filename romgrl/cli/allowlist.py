@@ -24,6 +24,7 @@ from omegaconf.errors import InterpolationToMissingValueError, MissingMandatoryV
 
 from romgrl.cli.config_files import circle, use_text_source
 from romgrl.cli.hydra_internals import (
+    SEARCH_TARGET,
     Callbacks,
     ConfigLoaderImpl,
     defaults_on_the_way,
@@ -42,6 +43,7 @@ TARGETS = (
     "romgrl.sweeps.callback.SweepCallback",
     "hydra._internal.core_plugins.basic_launcher.BasicLauncher",
     "hydra._internal.core_plugins.basic_sweeper.BasicSweeper",
+    SEARCH_TARGET,
     "hydra_plugins.hydra_joblib_launcher.joblib_launcher.JoblibLauncher",
     "hydra_plugins.hydra_submitit_launcher.submitit_launcher.LocalLauncher",
     "hydra_plugins.hydra_submitit_launcher.submitit_launcher.SlurmLauncher",

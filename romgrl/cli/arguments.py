@@ -8,7 +8,7 @@ from argparse import ArgumentError, Namespace
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from hydra.core.override_parser.types import Override, ValueType
+from hydra.core.override_parser.types import IntervalSweep, Override, ValueType
 from hydra.types import RunMode
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
@@ -16,12 +16,14 @@ from omegaconf.errors import OmegaConfBaseException
 from romgrl.cli.compose import explanation, problems, register_schema
 from romgrl.cli.hydra_internals import get_args_parser
 from romgrl.cli.hydra_loader import Loader, stored_sweep
+from romgrl.cli.hydra_settings import searches
 from romgrl.cli.typed_text import is_any_text
 from romgrl.config.addresses import as_typed
 from romgrl.config.values import (
     allowed,
     bad_value,
     fits,
+    kind_of,
     refusal,
     schema_groups,
     schema_keys,
@@ -34,6 +36,7 @@ from romgrl.runtime.surroundings import adapt_environment
 LONGEST_MESSAGE = 300  # characters of what argparse says
 LONGEST_QUOTED = 200  # characters of a value that a line repeats in quotes
 OPTIONS = ("--cfg", "--config-dir", "--config-name", "--config-path", "--help", "--info", "--multirun", "--package")
+NOTHING_TO_SEARCH = "hydra/sweeper=optuna: there is nothing to search; give a key an interval: eta=interval(0.1,0.9)"
 
 NAMING = {option: option for option in ("--config-dir", "--config-name", "--config-path", "--package")}
 NAMING |= {"-cd": "--config-dir", "-cn": "--config-name", "-cp": "--config-path", "-p": "--package"}
@@ -73,7 +76,8 @@ def faults(arguments: Sequence[str]) -> list[str]:
     found = [[*override_faults(override, loader)] for override in overrides]
     lines += [line for some in found for line in some]
     sound = [override for override, some in zip(overrides, found, strict=True) if not some]
-    lines += composed_faults(sound, loader, multirun=options.multirun)
+    told = composed_faults(sound, loader, multirun=options.multirun)
+    lines += [line for line in told if line != NOTHING_TO_SEARCH or not lines]  # its keys may be those that are told
     return [*dict.fromkeys(lines or package_faults(options, loader))]
 
 
@@ -164,8 +168,8 @@ def override_faults(override: Override, loader: Loader) -> Iterator[str]:
         yield f"{key}: has no value; give it as {key}=...; allowed: {permitted(key, choices)}"
     elif known and override.is_add():
         yield f"{text}: {key} is there already; write {text[1:]}"
-    elif override.is_sweep_override() and not override.is_discrete_sweep():
-        yield f"{text}: has no end; list the values of {key}; allowed: {permitted(key, choices)}"
+    elif override.is_interval_sweep():
+        yield from interval_faults(override, choices)
     elif is_any_text(key) and any(isinstance(value, list | dict) for value in values_of(override)):
         yield f"{bad_value(key, override.value())}; {quoting_hint(key, (override.input_line or '').partition('=')[2])}"
     elif not values_of(override):
@@ -176,13 +180,35 @@ def override_faults(override: Override, loader: Loader) -> Iterator[str]:
                 yield refusal(key, choice, permitted(key, choices) + suggestion(str(choice), choices))
 
 
+def interval_faults(override: Override, choices: Sequence[str]) -> Iterator[str]:
+    """Yield a line for an interval that no search can draw from."""
+    key, interval = override.key_or_group, override.value()
+    text = one_line(override.input_line or "")
+    assert isinstance(interval, IntervalSweep)
+    low, high, tags = interval.start, interval.end, interval.tags
+    if key not in schema_keys() or kind_of(schema_keys()[key]).item not in ("int", "float"):
+        yield f"{text}: {key} is no number; allowed: {permitted(key, choices)}"
+    elif low is None or high is None or not low < high or not tags <= {"log"} or ("log" in tags and low <= 0):
+        yield f"{text}: is no interval; write interval(LOW,HIGH) or, with LOW above 0, tag(log,interval(LOW,HIGH))"
+
+
+def endless(override: Override) -> str:
+    """The line of an interval where values are to be listed."""
+    key = override.key_or_group
+    line = f"{one_line(override.input_line or '')}: has no end; list the values of {key}, or add hydra/sweeper=optuna"
+    return f"{line}; allowed: {permitted(key, ())}"
+
+
 def permitted(key: str, choices: Sequence[str]) -> str:
     """What a key or a group takes."""
     return ", ".join(choices) if choices else allowed(schema_keys()[key])
 
 
 def values_of(override: Override) -> list[Any]:
-    """The values of an override; one where it is no sweep."""
+    """The values of an override; one where it is no sweep, and the ends of an interval."""
+    if override.is_interval_sweep():
+        interval: Any = override.value()
+        return [interval.start, interval.end]
     return [*override.sweep_iterator()] if override.is_sweep_override() else [override.value()]
 
 
@@ -203,9 +229,16 @@ def composed_faults(overrides: Sequence[Override], loader: Loader, *, multirun: 
         return [*lines, *problems(composed, loader.where)]
     parameters = stored_sweep(composed)
     lines = [line for text in parameters for line in parameter_faults(text, loader)]
+    stored = [override for text in parameters if (override := loader.parse(text))]
+    searched = searches(composed)
+    if not searched:
+        lines += [endless(override) for override in (*overrides, *stored) if override.is_interval_sweep()]
     if lines:
         return [*lines, *problems(composed, loader.where)]
-    for job in loader.jobs([*parameters, *(override.input_line or "" for override in overrides)]):
+    asked = [*parameters, *(override.input_line or "" for override in overrides)]
+    if searched and not loader.space(asked):
+        lines = [NOTHING_TO_SEARCH]
+    for job in loader.probes(asked) if searched else loader.jobs(asked):
         composed, failures = loader.compose(job)
         lines += failures if composed is None else problems(composed, loader.where)
     return lines

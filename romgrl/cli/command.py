@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Callable, Sequence
 
@@ -15,10 +16,10 @@ from romgrl.cli.compose import COMPOSITION_ERRORS, CONF, to_config
 from romgrl.cli.exit_codes import exit_code_of
 from romgrl.cli.help import usage
 from romgrl.config.schema import Config
-from romgrl.errors import ConfigurationError, RomgrlError, StorageError
+from romgrl.errors import ConfigurationError, DivergenceError, RomgrlError, StorageError
 from romgrl.runtime.display import protect
 
-RunJob = Callable[[Config, Sequence[str]], None]
+RunJob = Callable[[Config, Sequence[str]], float | None]
 
 
 def told(error: OSError) -> RomgrlError:
@@ -30,22 +31,29 @@ def told(error: OSError) -> RomgrlError:
     return fault
 
 
+def objective_after(error: RomgrlError) -> float | None:
+    """What a search learns from a job that failed: nan where its settings are to blame, nothing where a disk may be."""
+    return math.nan if isinstance(error, DivergenceError | ConfigurationError) else None
+
+
 def run(job: RunJob) -> None:
     """Run every job that the command line names, and end with an exit code, one line for each fault.
 
-    A job is called with its configuration and overrides. One that fails says why at once; the others of a sweep go on.
+    A job is called with its configuration and overrides, and returns what a search is after. One that fails says why
+    at once; the others of a sweep go on.
     """
     failures: list[RomgrlError] = []
 
     @hydra.main(version_base="1.3", config_path=str(CONF), config_name="config")
-    def run_composed(composed: DictConfig) -> None:
+    def run_composed(composed: DictConfig) -> float | None:
         try:
-            job(to_config(composed), HydraConfig.get().overrides.task)
+            return job(to_config(composed), HydraConfig.get().overrides.task)
         except RomgrlError as error:
             print(error, file=sys.stderr)
             failures.append(error)
         except OSError as error:
             failures.append(told(error))
+        return objective_after(failures[-1])
 
     protect()
     if {"-h", "--help"} & set(sys.argv):

@@ -18,8 +18,8 @@ from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
 
 from romgrl.cli import search_space
 from romgrl.cli.allowlist import chosen, guard_hydra
-from romgrl.cli.consistency import misfits
-from romgrl.cli.hydra_settings import hydra_faults
+from romgrl.cli.consistency import misfits, objective_faults
+from romgrl.cli.hydra_settings import hydra_faults, searches
 from romgrl.config.fields import MISSING
 from romgrl.config.schema import Config
 from romgrl.config.values import (
@@ -92,7 +92,8 @@ def to_config(composed: Any) -> Config:
 def problems(composed: DictConfig, where: Callable[[str], str] = nowhere) -> list[str]:
     """One line for everything that is wrong with what Hydra composed; `where`: " in FILE" for a key of a file."""
     config, bad = read_composed(composed, where)
-    return [*(line for line in bad.values() if line), *misfits(config, bad), *hydra_faults(composed, bad)]
+    lines = [*(line for line in bad.values() if line), *misfits(config, bad), *hydra_faults(composed, bad)]
+    return [*lines, *(objective_faults(config, bad) if searches(composed) else ())]
 
 
 def read_composed(composed: DictConfig, where: Callable[[str], str] = nowhere) -> tuple[Config, dict[str, str]]:

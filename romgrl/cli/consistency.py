@@ -12,7 +12,7 @@ from itertools import pairwise
 from romgrl.cli.locations import is_file, is_readable, outputs_directory, tracking_store
 from romgrl.config.learners import CRITICS
 from romgrl.config.schema import Config
-from romgrl.config.values import bad_value, fits, keys_of, refusal, schema_keys, show, value_of
+from romgrl.config.values import bad_value, fits, keys_of, refusal, schema_keys, show, suggestion, value_of
 from romgrl.config.worlds import SKELETONS
 from romgrl.errors import ArtifactError, ConfigurationError
 
@@ -186,6 +186,20 @@ def pretrained(config: Config) -> Iterator[str]:
                 if key not in told:
                     yield refusal(key, value, f"{show(trained)}, as the pretrained {stage} was trained")
                 told.add(key)
+
+
+def objective_faults(config: Config, bad: Collection[str] = ()) -> Iterator[str]:
+    """What a search is after is a number of its jobs; asked of searches alone, among keys that are not `bad`."""
+    if "stage" in bad or "objective" in bad:
+        return
+    from romgrl.report.objective import SEARCHED, objective_names
+
+    names = objective_names(config.stage)
+    if not names:
+        yield refusal("stage", config.stage, f"{', '.join(SEARCHED)}, whose numbers a search can be after")
+    elif config.objective not in names:
+        near = suggestion(config.objective, names)
+        yield refusal("objective", config.objective, f"a number of stage={config.stage}, such as {names[0]}{near}")
 
 
 def device(config: Config) -> Iterator[str]:

@@ -20,6 +20,7 @@ from hydra.core.plugins import Plugins
 from hydra.plugins.sweeper import Sweeper
 
 __all__ = [
+    "SEARCH_TARGET",
     "BasicSweeper",
     "Callbacks",
     "ConfigLoaderImpl",
@@ -31,8 +32,10 @@ __all__ = [
     "use_callbacks",
     "use_file_source",
     "use_loader",
+    "use_sweeper",
     "validate_no_batch",
 ]
+SEARCH_TARGET = "hydra_plugins.romgrl.OptunaSweeper"
 
 
 def use_loader(loader: type[ConfigLoaderImpl]) -> None:
@@ -49,6 +52,11 @@ def use_file_source(source: type[FileConfigSource]) -> None:
     """Have Hydra read YAML files through a class, which launchers find by the name of Hydra's own."""
     Plugins.instance()  # finds Hydra's own first
     SourcesRegistry.instance().types["file"] = source
+
+
+def use_sweeper(sweeper: type[Sweeper]) -> None:
+    """Have Hydra make this sweeper for SEARCH_TARGET, as a plugin by a name that it knows."""
+    Plugins.instance().class_name_to_class[SEARCH_TARGET] = sweeper
 
 
 def validate_no_batch() -> None:

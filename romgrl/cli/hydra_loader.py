@@ -21,6 +21,7 @@ from yaml import YAMLError
 from romgrl.cli.allowlist import GuardedLoader
 from romgrl.cli.compose import COMPOSITION_ERRORS, CONF, explanation
 from romgrl.cli.hydra_internals import BasicSweeper, create_config_search_path
+from romgrl.cli.search_space import Scale, scale_from
 from romgrl.cli.typed_text import holds, quoted
 from romgrl.config.values import refusal, schema_groups, schema_keys, suggestion
 from romgrl.errors import one_line
@@ -60,6 +61,19 @@ class Loader:
     def jobs(self, overrides: Sequence[str]) -> list[list[str]]:
         """The overrides of every job of a sweep over them."""
         return sweep_jobs(overrides, self._loader)
+
+    def space(self, overrides: Sequence[str]) -> dict[str, Scale]:
+        """The keys that a search over these overrides varies."""
+        return split_search(overrides, self._loader)[0]
+
+    def probes(self, overrides: Sequence[str]) -> list[list[str]]:
+        """The overrides of jobs that stand for those of a search: both ends of each key, or each of its choices."""
+        space, fixed = split_search(overrides, self._loader)
+        most = max((len(scale.probes) for scale in space.values()), default=0)
+        points = [
+            {key: scale.probes[min(at, len(scale.probes) - 1)] for key, scale in space.items()} for at in range(most)
+        ]
+        return [[*fixed, *(f"{key}={value}" for key, value in point.items())] for point in points]
 
     def compose(self, overrides: Sequence[str]) -> tuple[DictConfig | None, list[str]]:
         """What Hydra composes, or None and a line for every fault of a file or an override."""
@@ -117,6 +131,17 @@ def sweep_jobs(overrides: Sequence[str], loader: ConfigLoader) -> list[list[str]
     """The overrides of every job of a sweep over lists and ranges; a later one takes the place of an earlier one."""
     parsed = OverridesParser.create(loader).parse_overrides(list(overrides))
     return [list(job) for batch in BasicSweeper.split_arguments(parsed, None) for job in batch]
+
+
+def split_search(overrides: Sequence[str], loader: ConfigLoader) -> tuple[dict[str, Scale], list[str]]:
+    """The keys that a search varies, and the overrides that all of its jobs have; a later one takes an earlier's place.
+
+    Raises HydraException for what is no override.
+    """
+    parsed = OverridesParser.create(loader).parse_overrides(list(overrides))
+    last = {override.get_key_element(): override for override in parsed}
+    space = {key: scale_from(override) for key, override in last.items() if override.is_sweep_override()}
+    return space, [override.input_line or "" for key, override in last.items() if key not in space]
 
 
 def stored_sweep(composed: DictConfig) -> list[str]:

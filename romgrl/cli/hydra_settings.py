@@ -16,6 +16,8 @@ from romgrl.config.values import has_type, refusal
 WHOLE, TEXT = "int", "str"
 FORMULA = re.compile(r"all|([1-9]\d*\s*\*\s*)?n_jobs")
 MODES = ("RUN", "MULTIRUN")
+DIRECTIONS = ("maximize", "minimize")
+LARGEST_SEED = 2**31
 
 
 class HydraSetting(NamedTuple):
@@ -41,6 +43,13 @@ def is_place(value: Any) -> bool:
     return os.path.isdir(str(value)) or (is_printable(value) and writable_directory(str(value)))
 
 
+def is_file_place(value: Any) -> bool:
+    """Tell whether a value names a file that is there or can be made."""
+    if not is_printable(value) or os.path.isdir(str(value)):
+        return False
+    return os.access(str(value), os.W_OK) or writable_directory(os.path.dirname(os.path.abspath(str(value))))
+
+
 ANYWHERE = {
     "mode": HydraSetting(lambda value: value is None or getattr(value, "name", value) in MODES, ", ".join(MODES)),
     "run.dir": HydraSetting(is_place, "a directory that can be written", later=True),
@@ -63,14 +72,30 @@ OF_JOBLIB = {
     ),
     "batch_size": HydraSetting(lambda value: counts(value) or value == "auto", "a whole number >= 1, or auto"),
 }
+OF_OPTUNA = {
+    "study_name": HydraSetting(is_printable, "printable text"),
+    "storage": HydraSetting(is_file_place, "a file that can be written"),
+    "direction": HydraSetting(lambda value: value in DIRECTIONS, ", ".join(DIRECTIONS)),
+    "n_trials": HydraSetting(counts, "a whole number >= 1"),
+    "n_jobs": HydraSetting(counts, "a whole number >= 1"),
+    "seed": HydraSetting(
+        lambda value: has_type(value, WHOLE) and 0 <= value <= LARGEST_SEED, f"a whole number from 0 to {LARGEST_SEED}"
+    ),
+}
+
+
+def searches(composed: DictConfig) -> bool:
+    """Tell whether Optuna chooses the settings of the jobs."""
+    return bool(composed.hydra.runtime.choices.get("hydra/sweeper") == "optuna")
 
 
 def hydra_faults(composed: DictConfig, bad: Collection[str] = ()) -> Iterator[str]:
     """Yield a line for every setting of Hydra that ends in a traceback or runs nothing; `bad`: keys told before."""
     joblib = composed.hydra.runtime.choices.get("hydra/launcher") == "joblib"
     settings = ANYWHERE | {f"launcher.{name}": setting for name, setting in OF_JOBLIB.items() if joblib}
+    settings |= {f"sweeper.{name}": setting for name, setting in OF_OPTUNA.items() if searches(composed)}
     for name, setting in settings.items():
-        if name == "sweep.dir" and "paths.outputs" in bad:  # which it lies below
+        if name in ("sweep.dir", "sweeper.storage") and "paths.outputs" in bad:  # which it lies below
             continue
         try:
             value = OmegaConf.select(composed.hydra, name, throw_on_missing=True)

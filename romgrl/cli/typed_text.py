@@ -20,7 +20,7 @@ from omegaconf._utils import get_yaml_loader
 from romgrl.config.addresses import in_quotes
 from romgrl.config.values import RENAMED, kind_of, schema_groups, schema_keys
 
-OF_HYDRA = ("run.dir", "sweep.dir", "sweep.subdir", "job.name")
+OF_HYDRA = ("run.dir", "sweep.dir", "sweep.subdir", "job.name", "sweeper.study_name", "sweeper.storage")
 OF_LAUNCHERS = ("account", "comment", "constraint", "name", "nodelist", "partition", "qos", "submitit_folder")
 TEXT_OF_HYDRA = {*(f"hydra.{name}" for name in OF_HYDRA), *(f"hydra.launcher.{name}" for name in OF_LAUNCHERS)}
 LOSSY = (OverrideLexer.INT, OverrideLexer.FLOAT, OverrideLexer.BOOL, OverrideLexer.NULL)

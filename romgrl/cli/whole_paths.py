@@ -15,7 +15,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from romgrl.config.addresses import absolute, absolute_address
 
-PATHS = ("paths.outputs", "humanoid.xml", "hydra.run.dir", "hydra.sweep.dir")
+PATHS = ("paths.outputs", "humanoid.xml", "hydra.run.dir", "hydra.sweep.dir", "hydra.sweeper.storage")
 ADDRESSES = ("tracking.uri",)
 BESIDE_PRESETS = ("humanoid.xml",)  # files that a preset may bring
 
@@ -28,7 +28,7 @@ def make_whole(config: DictConfig) -> None:
             node: Any = OmegaConf.select(config, group)
         except OmegaConfBaseException:  # whoever reads the key says what is wrong with it
             continue
-        written = node._get_node(leaf) if isinstance(node, DictConfig) else None
+        written = node._get_node(leaf) if isinstance(node, DictConfig) and leaf in [*node] else None
         text = written._value() if written is not None else None
         if isinstance(text, str) and text.isprintable() and text.strip() and not text.startswith("???"):
             rewritten = absolute_address(text) if key in ADDRESSES else whole_path(text, node, leaf)

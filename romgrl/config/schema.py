@@ -100,6 +100,7 @@ class Config:
         "true: with two threads or more, stages that do not need each other run side by side, with half of them each"
     )
     checkpoint_seconds: float = key("work between two checkpoints of a training", unit="s", above=0, high=1e6)
+    objective: str = key("number that a search is after (`hydra/sweeper=optuna`), by the name that MLflow shows")
     experiment: str = key("name of the preset")
     rom: Rom = one_of(ROMS)
     teacher: Teacher = field(default_factory=Teacher)

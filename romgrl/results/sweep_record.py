@@ -19,7 +19,7 @@ from romgrl.errors import ArtifactError
 SWEEP_VARIABLE = "ROMGRL_SWEEP"  # directory of the sweep, for its jobs
 SWEEP, JOBS, RESULTS = "sweep.json", "jobs.jsonl", "results"
 UNFINISHED = "did not end"
-HOW = ("hydra", "paths", "tracking", "threads", "device", "parallel_stages", "checkpoint_seconds", "stage")
+HOW = ("hydra", "paths", "tracking", "threads", "device", "parallel_stages", "checkpoint_seconds", "stage", "objective")
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,8 @@ class JobEnd:
 class Sweep:
     """A sweep: the file that stores it, the command that started it, the overrides of each job, and where it ran.
 
-    `started`: seconds since 1970; `usual`: settings below which the budget of a job counts as short.
+    `started`: seconds since 1970; `usual`: settings below which the budget of a job counts as short; `trials`: how many
+    jobs a search may come to, which are added as it chooses them.
     """
 
     directory: Path
@@ -46,6 +47,7 @@ class Sweep:
     machine: dict[str, Any]
     started: float
     usual: dict[str, float]
+    trials: int = 0
     ends: list[JobEnd] = field(default_factory=list)
 
     @property
@@ -83,6 +85,15 @@ def write_sweep(directory: Path, name: str, command: str, jobs: Sequence[Sequenc
     os.environ[SWEEP_VARIABLE] = str(directory)
 
 
+def add_jobs(directory: Path, jobs: Sequence[Sequence[str]], trials: int) -> None:
+    """Add the jobs that a search chose to what its sweep was asked for."""
+    document = json.loads((directory / SWEEP).read_text(encoding="utf-8"))
+    document |= {"jobs": [*document["jobs"], *map(list, jobs)], "trials": trials}
+    whole = directory / f"{SWEEP}.new"
+    whole.write_text(json.dumps(document, indent=2), encoding="utf-8")
+    whole.replace(directory / SWEEP)
+
+
 def note_end(end: JobEnd) -> None:
     """Let the sweep that this job belongs to know how it ended; no sweep, no note."""
     directory = os.environ.get(SWEEP_VARIABLE)
@@ -105,8 +116,9 @@ def position(overrides: Sequence[str]) -> tuple[int, int] | None:
 @lru_cache(maxsize=1)
 def places_of(directory: str, written: int) -> tuple[dict[frozenset[tuple[str, str]], int], int]:
     """The place of each job of a sweep by its settings, from 1, and how many there are; read once in a process."""
-    jobs = [frozenset(settings(job).items()) for job in read_sweep(Path(directory)).jobs]
-    return {job: place for place, job in reversed([*enumerate(jobs, 1)])}, len(jobs)
+    sweep = read_sweep(Path(directory))
+    jobs = [frozenset(settings(job).items()) for job in sweep.jobs]
+    return {job: place for place, job in reversed([*enumerate(jobs, 1)])}, max(len(jobs), sweep.trials)
 
 
 def read_sweep(directory: Path) -> Sweep:

@@ -24,7 +24,9 @@ from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 
 from romgrl.artifacts import may_write, require_right, storage_faults
+from romgrl.cli.hydra_internals import use_sweeper
 from romgrl.cli.hydra_loader import stored_sweep, sweep_jobs
+from romgrl.cli.hydra_settings import searches
 from romgrl.errors import ConfigurationError, LaunchError, RomgrlError, StorageError
 from romgrl.provenance.stage_graph import ACTIONS
 from romgrl.provenance.versions import machine
@@ -32,6 +34,7 @@ from romgrl.results.sweep_record import SWEEP_VARIABLE, UNFINISHED, read_sweep, 
 from romgrl.runtime.cores import available_cores
 from romgrl.runtime.signals import SIGNALS
 from romgrl.sweeps.launch import LAUNCH_VARIABLE, PARENT_VARIABLE, SHARES_TERMINAL, Launch
+from romgrl.sweeps.search import OptunaSweeper, searching
 from romgrl.sweeps.sweep_directory import claim
 from romgrl.tracking.journal import redacted
 from romgrl.tracking.recorder import open_recorder
@@ -64,7 +67,8 @@ def plan_launch(config: DictConfig, jobs: int) -> Launch | None:
     at_once = {"joblib": processes, "submitit_local": jobs}.get(name, 1)
     parsed = OverridesParser.create().parse_overrides([*stored_sweep(config), *config.hydra.overrides.task])
     varied = [override.get_key_element() for override in parsed if override.is_sweep_override()]
-    return Launch(name, str(config.hydra.sweep.dir), max(1, min(at_once, jobs)), varied)
+    most = int(config.hydra.sweeper.n_jobs) if searches(config) else jobs
+    return Launch(name, str(config.hydra.sweep.dir), max(1, min(at_once, jobs, most)), varied)
 
 
 def joblib_processes(n_jobs: int) -> int:
@@ -97,6 +101,9 @@ class SweepCallback(Callback):
     def on_multirun_start(self, config: DictConfig, **kwargs: Any) -> None:
         """Start the parent run."""
         check_launcher(config)
+        if searches(config):
+            with searching(config, GlobalHydra.instance().config_loader()):
+                use_sweeper(OptunaSweeper)
         trains = self._trains = config.stage not in ACTIONS
         place = Path(str(config.hydra.sweep.dir)).absolute()
         if trains or may_write(place):
@@ -113,8 +120,8 @@ class SweepCallback(Callback):
         chosen = [text for text in overrides if settings([text])]
         name = " ".join(["sweep", *([stored] if stored != "config" or not chosen else []), *chosen])
         loader = GlobalHydra.instance().config_loader()
-        planned = sweep_jobs([*stored_sweep(config), *overrides], loader)
-        jobs = len(planned)
+        planned = [] if searches(config) else sweep_jobs([*stored_sweep(config), *overrides], loader)
+        jobs = int(config.hydra.sweeper.n_trials) if searches(config) else len(planned)
         self._run = self._recorder.start(name, tags={"stage": "sweep"}, params={"jobs": jobs})
         self._outputs = outputs
         if trains:
@@ -164,7 +171,10 @@ class SweepCallback(Callback):
         from romgrl.results.sweep_tables import TABLE_FILE, write_joint  # takes a second to import
 
         try:
-            directory = write_joint(read_sweep(self._directory), self._outputs)
+            sweep = read_sweep(self._directory)
+            if not sweep.jobs:  # of a search that was finished before
+                return []
+            directory = write_joint(sweep, self._outputs)
         except (RomgrlError, OSError) as error:
             print(f"sweep: no tables and figures: {error}", file=sys.stderr)
             return [getattr(error, "exit_code", StorageError.exit_code)]

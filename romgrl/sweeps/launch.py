@@ -18,9 +18,11 @@ from typing import TextIO
 
 from rich.console import Console
 
+from romgrl.cli.command import objective_after
 from romgrl.config.schema import Config
 from romgrl.errors import LaunchError, RomgrlError
 from romgrl.pipeline import run as pipeline
+from romgrl.report.objective import objective_of
 from romgrl.results.sweep_record import JobEnd, note_end, position
 from romgrl.runtime import signals
 from romgrl.runtime.cores import available_cores
@@ -133,47 +135,53 @@ class Labelled(io.StringIO):
         self._stream.flush()
 
 
-def run_job(config: Config, overrides: Sequence[str]) -> None:
-    """Run a job, named by its overrides. Raises RomgrlError; where a launcher put it, that is left with the sweep."""
+def run_job(config: Config, overrides: Sequence[str]) -> float | None:
+    """Run a job, named by its overrides; returns the number that a search is after, nan for settings that have none.
+
+    Raises RomgrlError; where a launcher put it, that is left with the sweep.
+    """
     protect()  # a launcher's process has come here without `main`
     own = [text for text in overrides if not text.lstrip("+").startswith("hydra")]
     launch, parent, place = announced(), os.environ.get(PARENT_VARIABLE), position(own)
     if launch is None:
-        run_noted(own, lambda: pipeline.run(config, overrides=own, parent=parent, place=place))
-        return
+        made = run_noted(own, lambda: pipeline.run(config, overrides=own, parent=parent, place=place))
+        return objective_of(config.objective, made)
     label = launch.label(own)
     console = Console(file=Labelled(sys.stdout, label), width=WIDEST_TABLE, force_terminal=False)
     shared = replace(config, threads=config.threads or max(1, available_cores() // launch.at_once))
     run = partial(pipeline.run, shared, overrides=own, parent=parent, place=place, console=console)
     try:
-        run_launched(launch, lambda: run_noted(own, run))
+        return objective_of(config.objective, run_launched(launch, lambda: run_noted(own, run)))
     except RomgrlError as error:
         launch.leave(f"[{label}] {error}", error.exit_code)
+        return objective_after(error)
     except signals.Interrupted as error:
         launch.leave(f"[{label}] {error}", error.exit_code)
+        return None
 
 
-def run_noted(overrides: list[str], run: Callable[[], dict[str, Path]]) -> None:
-    """Run a job and write down for its sweep how it ended; what it raised goes on."""
+def run_noted(overrides: list[str], run: Callable[[], dict[str, Path]]) -> dict[str, Path]:
+    """Run a job and write down for its sweep how it ended; what it raised goes on. Returns the artifacts."""
     start = time.monotonic()
     try:
-        artifacts = {stage: str(path) for stage, path in run().items()}
+        made = run()
     except (RomgrlError, KeyboardInterrupt) as error:
         why = str(error) if isinstance(error, RomgrlError) else "interrupted"
         note_end(JobEnd(overrides, error=why, seconds=time.monotonic() - start))
         raise
+    artifacts = {stage: str(path) for stage, path in made.items()}
     note_end(JobEnd(overrides, artifacts, seconds=time.monotonic() - start))
+    return made
 
 
-def run_launched(launch: Launch, run: Callable[[], object]) -> None:
+def run_launched(launch: Launch, run: Callable[[], dict[str, Path]]) -> dict[str, Path]:
     """Run a job; one that its launcher interrupts is handed over to it, with all saved, to be started again."""
     if launch.launcher == SHARES_TERMINAL:
         with launch.running():
-            run()
-        return
+            return run()
     signals.leave(signal.SIGTERM)  # submitit's to ignore: Slurm sends it together with the signal to requeue
     try:
-        run()
+        return run()
     except signals.Interrupted as interrupted:
         try:
             signals.hand_over(interrupted)

@@ -18,7 +18,16 @@ from tests.helpers.configurations import all_keys, with_value
 from tests.helpers.untrained import write_shipped
 from tests.provenance.test_stage_keys import different
 
-COSMETIC = {"stage", "threads", "parallel_stages", "checkpoint_seconds", "experiment", "paths.outputs", *NAME_KEYS}
+COSMETIC = {
+    "stage",
+    "objective",
+    "threads",
+    "parallel_stages",
+    "checkpoint_seconds",
+    "experiment",
+    "paths.outputs",
+    *NAME_KEYS,
+}
 KINDS = {"Python": {".py"}, "C++": {".cpp", ".hpp", ".txt"}, "built": {".so"}}
 ROOT = Path(__file__).resolve().parents[2]
 
