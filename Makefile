@@ -35,7 +35,7 @@ run: $(PACKAGE) ## train teacher, student and baseline, and compare them (option
 	$(BIN)/python -m romgrl $(ARGS)
 
 test: $(PACKAGE) ## run the tests, a little of each slow suite among them (6 to 7 minutes on two cores)
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadgroup $(ARGS)
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadgroup --durations 20 $(ARGS)
 
 test-slow: $(PACKAGE) ## run the tests that train for minutes, but those of test-faults (5 to 8 minutes on two cores)
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -m "slow and not browser" -n auto --dist loadgroup --timeout 3600 \

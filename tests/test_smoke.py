@@ -33,6 +33,7 @@ FREE = {
     "parallel_stages",
     "stage",
     "experiment",
+    "objective",
     *NAME_KEYS,
 }  # may be read anywhere, change no result
 SIZELESS = {"humanoid.actuation", "humanoid.substeps"}  # the teacher builds the body only to measure it

@@ -33,7 +33,7 @@ SKELETONS[WALKER.name] = WALKER
 
 def main(steps: int = 2000) -> Path:
     """Train a baseline, which runs by the task's reward alone, for a moment, and return its policy."""
-    small = ("num_envs=8", "hidden_sizes=[32,32]", "updates_per_step=0.05", "learning_starts=500", "candidates=2")
+    small = ("num_envs=8", "hidden_sizes=[32,32]", "updates_per_step=0.05", "learning_starts=500", "check_steps=1000")
     learner = [f"student.{setting}" for setting in (*small, f"total_steps={steps}")]
     config = compose_config("stage=baseline", "discriminator=none", "eta=1", "threads=1", *learner)
     config.humanoid.xml, config.humanoid.skeleton = str(XML), WALKER.name

@@ -26,37 +26,30 @@ from torch.nn import functional as F
 Logits = Callable[[Tensor], Tensor]
 
 
-def bce_loss(real_logits: Tensor, fake_logits: Tensor, label_smoothing: float) -> Tensor:
-    """Binary cross-entropy of both streams with labels 1 - smoothing and smoothing, summed as in the paper's L_D."""
-    real = F.binary_cross_entropy_with_logits(real_logits, torch.full_like(real_logits, 1 - label_smoothing))
-    fake = F.binary_cross_entropy_with_logits(fake_logits, torch.full_like(fake_logits, label_smoothing))
-    loss: Tensor = real + fake
-    return loss
-
-
-def least_squares_loss(real_logits: Tensor, fake_logits: Tensor, label_smoothing: float) -> Tensor:
-    """E (l_real - 1)^2 + E (l_fake + 1)^2; the labels are not smoothed."""
-    return (real_logits - 1).square().mean() + (fake_logits + 1).square().mean()
-
-
-def wasserstein_loss(real_logits: Tensor, fake_logits: Tensor, label_smoothing: float) -> Tensor:
-    """E l_fake - E l_real; there are no labels to smooth."""
-    return fake_logits.mean() - real_logits.mean()
+def cross_entropy(logits: Tensor, label: float) -> Tensor:
+    """Binary cross-entropy of logits whose labels are all the same."""
+    return F.binary_cross_entropy_with_logits(logits, torch.full_like(logits, label))
 
 
 @dataclass(frozen=True)
 class AdversarialLoss:
     """A loss of the discriminator and what goes with it; another one is a record more in LOSSES.
 
-    `loss` of real and fake logits (B,) and the label smoothing; `reward` (B,) of logits and `level`, the mean logit of
-    held-out windows of the teacher. `relative`: logits are known up to a constant, so that only differences count.
-    `undecided`: what the loss of a discriminator that tells nothing apart is measured by; None: that of zeros.
+    `real` and `fake`: the terms of both streams, of logits (B,) and the label smoothing; `reward` (B,) of logits and
+    `level`, the mean logit of held-out windows of the teacher. `relative`: logits are known up to a constant, so that
+    only differences count. `undecided`: what the loss of a discriminator that tells nothing apart is measured by; None:
+    that of zeros.
     """
 
-    loss: Callable[[Tensor, Tensor, float], Tensor]
+    real: Callable[[Tensor, float], Tensor]
+    fake: Callable[[Tensor, float], Tensor]
     reward: Callable[[Tensor, Tensor], Tensor]
     relative: bool = False
     undecided: float | None = None
+
+    def loss(self, real_logits: Tensor, fake_logits: Tensor, label_smoothing: float) -> Tensor:
+        """What is minimised: both terms, summed as in the paper's L_D."""
+        return self.real(real_logits, label_smoothing) + self.fake(fake_logits, label_smoothing)
 
     def paid(self, logits: Tensor, level: Tensor, limit: float | None) -> Tensor:
         """The reward, at most `limit`."""
@@ -74,12 +67,22 @@ class AdversarialLoss:
 
 
 LOSSES = {
-    "bce": AdversarialLoss(bce_loss, lambda logits, level: F.softplus(logits)),
+    "bce": AdversarialLoss(
+        lambda logits, smoothing: cross_entropy(logits, 1 - smoothing),
+        lambda logits, smoothing: cross_entropy(logits, smoothing),
+        lambda logits, level: F.softplus(logits),
+    ),
     "least_squares": AdversarialLoss(
-        least_squares_loss, lambda logits, level: (1 - 0.25 * (logits - 1).square()).clamp(min=0)
+        lambda logits, smoothing: (logits - 1).square().mean(),
+        lambda logits, smoothing: (logits + 1).square().mean(),
+        lambda logits, level: (1 - 0.25 * (logits - 1).square()).clamp(min=0),
     ),
     "wasserstein": AdversarialLoss(
-        wasserstein_loss, lambda logits, level: (logits - level).clamp(max=0).exp(), relative=True, undecided=1.0
+        lambda logits, smoothing: -logits.mean(),
+        lambda logits, smoothing: logits.mean(),
+        lambda logits, level: (logits - level).clamp(max=0).exp(),
+        relative=True,
+        undecided=1.0,
     ),
 }
 """By the value of `discriminator.loss`, whose choices stand in romgrl.config.learners."""

@@ -16,14 +16,23 @@ from romgrl.algorithms.adversarial_losses import (
 from romgrl.algorithms.divergence import require_finite
 from romgrl.algorithms.tensor_state import optimizer_state, put_all, restore_optimizer
 
+NOISE_RATE, NOISE_RANGE = 0.01, (0.02, 3.0)
+"""Relative change of the noise per update and unit of accuracy: it doubles within some 500 updates that tell every
+window."""
+GAP_TOLERANCE = 0.02
+"""A gap counts as wider than the narrowest one from this share of an undecided discriminator's loss on: ten times what
+it wavers by on a reference that is not learned by heart."""
+
 
 class Discriminator:
     """Discriminator of windows of gait features, (B, window_size) -> logit (B,).
 
     `reference` holds the windows of the teacher, (N, window_size); the last `held_out` share of it validates.
-    `noise` is the standard deviation of the Gaussian noise on both streams while training, in feature units. `loss` is
-    a key of LOSSES; `penalty_on` says where the gradient penalty is taken: "interpolates" of both streams, with norm 1
-    as its aim, or with aim 0 on the "reference" or on "both" streams.
+    `noise` is the standard deviation of the Gaussian noise on both streams while training, in feature units, or in
+    deviations of the reference where it is standardised; with `accuracy` it follows so that this share of the windows
+    is told apart (after Karras et al. 2020, who adapt augmentations so). `loss` is a key of LOSSES; `penalty_on` says
+    where the gradient penalty is taken: "interpolates" of both streams, with norm 1 as its aim, or with aim 0 on the
+    "reference" or on "both" streams. `early_stop`: see `_validate`.
     """
 
     def __init__(
@@ -43,6 +52,8 @@ class Discriminator:
         seed: int,
         loss: str = "bce",
         penalty_on: str = "interpolates",
+        accuracy: float | None = None,
+        early_stop: str = "gap",
         device: str = "cpu",
     ) -> None:
         torch.manual_seed(seed)
@@ -59,8 +70,9 @@ class Discriminator:
             layers += [nn.Linear(inputs, outputs), nn.LeakyReLU(0.2), nn.Dropout(dropout)]
         self.network = nn.Sequential(*layers, nn.Linear(hidden_sizes[-1], 1)).to(device)
         self.optimizer = torch.optim.Adam(self.network.parameters(), lr=learning_rate, fused=True)
-        self.penalty_weight, self.label_smoothing, self.noise = penalty_weight, label_smoothing, noise
-        self.reward_limit, self.patience = reward_limit, patience
+        self.penalty_weight, self.label_smoothing = penalty_weight, label_smoothing
+        self.noise, self.accuracy = torch.tensor(float(noise), device=device), accuracy
+        self.reward_limit, self.patience, self.early_stop = reward_limit, patience, early_stop
         self.adversarial, self.penalty_on = LOSSES[loss], penalty_on
         self.level = torch.zeros((), device=device)  # mean logit of the held-out windows
         self.best_validation = torch.tensor(float("inf"), device=device)
@@ -94,12 +106,16 @@ class Discriminator:
         require_finite(discriminator_weights=nn.utils.get_total_norm([p.detach() for p in self.network.parameters()]))
         self.updates += 1
         threshold = self.adversarial.threshold(real_logits, fake_logits)
+        told = 0.5 * ((real_logits > threshold).float().mean() + (fake_logits < threshold).float().mean())
+        if self.accuracy is not None:
+            self.noise.mul_(torch.exp(NOISE_RATE * (told - self.accuracy))).clamp_(*NOISE_RANGE)
         return {
+            "discriminator_noise": self.noise.clone(),
             "discriminator_loss": loss.detach(),
             "discriminator_accuracy_teacher": (real_logits > threshold).float().mean(),
             "discriminator_accuracy_student": (fake_logits < threshold).float().mean(),
             "discriminator_gradient_norm": gradient_norm,
-            "discriminator_validation_loss": self._validate(fake),
+            "discriminator_validation_loss": self._validate(),
         }
 
     @torch.no_grad()
@@ -144,22 +160,32 @@ class Discriminator:
         restore_optimizer(self.optimizer, state.get("optimizer", {}))
 
     def _tensors(self) -> dict[str, Tensor]:
-        own = {"best_validation": self.best_validation, "stale_updates": self.stale_updates}
+        own = {"best_validation": self.best_validation, "stale_updates": self.stale_updates, "noise": self.noise}
         own |= {"level": self.level} if self.adversarial.relative else {}
         return own | dict(self.network.state_dict())
 
     @torch.no_grad()
-    def _validate(self, fake: Tensor) -> Tensor:
-        """Loss on the held-out windows; counts the updates in a row that brought nothing better."""
+    def _validate(self) -> Tensor:
+        """Loss of the held-out windows of the teacher, clean and without dropout; counts the updates without progress.
+
+        What has to fall is that loss ("held_out", the paper's words), or what it is above the loss of as many of the
+        windows that are learned from ("gap"). The first also rises where the policy gets better, or the weights of both
+        streams change; only the second says that windows are learned by heart.
+        """
         self.network.eval()
         held_out = self.logits(self.validation)
         self.level = held_out.mean()
-        loss = self.adversarial.loss(held_out, self.logits(fake), self.label_smoothing)
-        better = loss < self.best_validation
-        self.best_validation = torch.where(better, loss, self.best_validation)
-        self.stale_updates = torch.where(better, 0, self.stale_updates + 1)
-        if self.patience is not None:
-            self.stopped = bool(self.stale_updates >= self.patience)
+        loss = self.adversarial.real(held_out, self.label_smoothing)
+        if self.patience is None:
+            return loss
+        watched, tolerance = loss, 0.0
+        if self.early_stop == "gap":
+            learned = self.logits(self.real[: len(self.validation)])
+            watched = loss - self.adversarial.real(learned, self.label_smoothing)
+            tolerance = GAP_TOLERANCE * self.adversarial.undecided_loss(self.label_smoothing)
+        self.stale_updates = torch.where(watched < self.best_validation + tolerance, 0, self.stale_updates + 1)
+        self.best_validation = torch.minimum(self.best_validation, watched)
+        self.stopped = bool(self.stale_updates >= self.patience)
         return loss
 
     def _logit(self, inputs: Tensor) -> Tensor:
@@ -175,5 +201,6 @@ class Discriminator:
         return zero_penalty(self._logit, real if self.penalty_on == "reference" else torch.cat((real, fake)))
 
     def _perturb(self, windows: Tensor) -> Tensor:
+        """Windows with noise, in the unit that the network sees."""
         noise = torch.randn(windows.shape, generator=self.generator, device=windows.device)
-        return windows + self.noise * noise
+        return windows + self.noise * noise / self.scale

@@ -106,7 +106,7 @@ def require_humanoid(path: Path, trained_on: Any, needed: Mapping[str, str]) -> 
         if name in words and words[name] != value
     ]
     if not differing and known.keys() <= words.keys():
-        differing = ["other names of bodies, joints or actuators, or another order of them"]
+        differing = ["other joints or actuators, or other names of them"]
     this = ", ".join(f"{name} {value}" for name, value in known.items())
     told = "; ".join(differing) or f"it does not say which; this one: {this}"
     raise ArtifactError(f"{path}: trained on another humanoid: {told}")

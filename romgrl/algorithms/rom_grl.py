@@ -100,12 +100,16 @@ class RomGrl:
     def state(self) -> dict[str, Any]:
         """Everything that `restore` needs, but the rows of the buffer."""
         discriminator = {"discriminator": self.discriminator.state()} if self.discriminator is not None else {}
-        own = {"stop_seen": self.stop_seen, "discriminator_due": self.discriminator_due}
+        own = {"stop_seen": self.stop_seen, "discriminator_due": self.discriminator_due, "eta": self.eta}
         return own | {name: part.state() for name, part in self._parts().items()} | discriminator
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Go on from a state."""
-        self.stop_seen, self.discriminator_due = state["stop_seen"], state["discriminator_due"]
+        self.stop_seen, self.discriminator_due, self.eta = (
+            state["stop_seen"],
+            state["discriminator_due"],
+            float(state["eta"]),
+        )
         for name, part in self._parts().items():
             part.restore(state[name])
         if self.discriminator is not None:

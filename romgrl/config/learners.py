@@ -49,7 +49,7 @@ class Student:
     total_steps: int = key("environment steps (at most, with minutes)", low=1, high=10**12)
     minutes: float | None = key(
         "wall time of training after which student and baseline each stop, or at total_steps where that is sooner; "
-        "learning rates and candidates follow the nearer end; not reproducible bit by bit; null: no limit",
+        "learning rates follow the nearer end; not reproducible bit by bit; null: no limit",
         unit="min",
         above=0,
         high=1e6,
@@ -80,7 +80,20 @@ class Student:
     critic_target: str = key("how the twin target critics are joined", choices=("minimum", "mean"))
     mirror: bool = key("true: half of each batch is left-right mirrored")
     normalize_observation: bool = key("true: observations are standardised by their running mean and deviation")
-    candidates: int = key("policies of the second half, the best of which is kept; 0: the last", low=0, high=1000)
+    check_steps: int = key(
+        "environment steps between two checks of the gait, the best policy of which is kept; 0: none, the last one is "
+        "kept",
+        low=0,
+        high=10**12,
+    )
+    end_early: bool = key(
+        "true: the second half of a training, over which learning rates fall, begins once the gait has passed two "
+        "checks in a row"
+    )
+    adapt_eta: bool = key(
+        "true: eta falls at a check where a student that stays upright has another cadence than its teacher, and rises "
+        "where only its speed is wrong"
+    )
     reference_resets: float = key("share of a student's episodes that start in a pose of the reference", low=0, high=1)
     policy_average: float = key("policies are running averages with this decay; 0: as they are", low=0, high=0.99999)
     pretrained: bool = key("true: nothing is trained; student and baseline that ship with the package are taken")
@@ -133,7 +146,17 @@ class Discriminator:
     )
     standardize: bool = key("true: features are standardised by the reference's mean and deviation")
     reward_limit: float | None = key("largest imitation reward; null: no limit", above=0, high=1e6)
+    accuracy: float | None = key(
+        "the noise follows so that this share of both streams is told apart; null: it stays as it is", above=0.5, high=1
+    )
     held_out: float = key("share of the reference held out for the validation loss", above=0, high=0.9)
     patience: int | None = key(
-        "updates without a better validation loss before training stops; null: never", low=1, high=10**9
+        "updates in a row without progress on the held-out windows before training stops; null: never",
+        low=1,
+        high=10**9,
+    )
+    early_stop: str = key(
+        "what makes progress, held_out: a new lowest loss of held-out windows (the paper's words); gap: that loss "
+        "stays near the one of the windows that are learned from",
+        choices=("held_out", "gap"),
     )

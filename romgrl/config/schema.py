@@ -92,7 +92,12 @@ class Config:
     )
     speed: float = key("target speed of student and baseline", unit="m/s", low=0, high=10)
     eta: float = key("weight of the task reward; 1 - eta weighs imitation", low=0, high=1)
-    noise: float = key("standard deviation of the Gaussian noise on both streams of the discriminator", low=0, high=10)
+    noise: float = key(
+        "standard deviation of the Gaussian noise on both streams of the discriminator: in m and rad, or in deviations "
+        "of the reference with discriminator.standardize; the first value with discriminator.accuracy",
+        low=0,
+        high=10,
+    )
     seed: int = key("seed of every random number", low=0, high=2**32 - 1)
     device: str = key("where the networks are trained", choices=("cpu", "cuda"))
     threads: int = key("threads of physics and networks; 0: all cores", low=0, high=1024)

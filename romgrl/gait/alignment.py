@@ -121,6 +121,22 @@ def mse_table(*, reference: Gait, student: Gait, baseline: Gait, window: int) ->
     return table
 
 
+def error_over_variance(gait: Gait, reference: Gait, window: int) -> Floats:
+    """Error of each channel over the reference's variance, (5,): 0 is the teacher, 1 a statue in its mean pose.
+
+    The last window of each upright episode is laid over one episode of the reference at a time, with one shift; the
+    mean over both. An episode is not laid over itself. nan where no episode is upright and long enough.
+    """
+    teacher = reference.upright_episodes
+    variance = np.maximum(np.concatenate(teacher).var(axis=0), SMALLEST_VARIANCE)
+    errors = []
+    for index, episode in enumerate(gait.upright_episodes):
+        if len(episode) >= window:
+            others = [e for i, e in enumerate(teacher) if len(e) >= window and (gait is not reference or i != index)]
+            errors += [align(episode[None, -window:].astype(float), [other]).mse[0] for other in others]
+    return np.mean(errors, axis=0) / variance if errors else np.full(len(CHANNELS), np.nan)
+
+
 def objection(walkers: Mapping[str, Gait]) -> str:
     """Which of them have no error, and why; "ok" if all have one."""
     objections = [_upright(name, gait) for name, gait in walkers.items() if not comparable(gait)]

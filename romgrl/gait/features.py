@@ -9,8 +9,9 @@ of the humanoid or the trunk centre of the reduced-order model, the ankle the jo
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,12 +34,27 @@ def until_first_fall(upright: Bools) -> Bools:
 
 
 @dataclass(frozen=True)
+class GaitLoads:
+    """What joints and feet bear, of E episodes of T control steps of S substeps; see `romgrl.humanoid.loads.Loads`."""
+
+    positive_power: Floats  # (E, T) W
+    stop_share: Floats  # (E, T)
+    touching: Bools  # (E, T, S, 2)
+    loaded: Bools
+    sliding: Bools
+    ankle_stop: Bools
+
+
+LOADS = tuple(field.name for field in fields(GaitLoads))
+
+
+@dataclass(frozen=True)
 class Gait:
     """Episodes of one walker, padded to one length.
 
     features (E, T, 5) m; valid (E, T): steps that belong to the episode, before any fall; fallen (E,); dt s;
     velocity (E, T) m/s forward; contact (E, T, 2) left and right foot on the ground; trunk_lean (E, T) rad, forward
-    positive; power (E, T) W, sum over the joints of |torque x angular velocity|. None: not recorded.
+    positive; power (E, T) W, sum over the joints of |torque x angular velocity|; loads. None: not recorded.
     """
 
     features: Floats
@@ -49,6 +65,7 @@ class Gait:
     contact: Bools | None = None
     trunk_lean: Floats | None = None
     power: Floats | None = None
+    loads: GaitLoads | None = None
 
     @property
     def upright_episodes(self) -> list[Floats]:
@@ -73,6 +90,7 @@ def gait_from_rollouts(arrays: Mapping[str, NDArray[np.generic]], name: str) -> 
         contact=None if contact is None else np.asarray(contact, bool),
         trunk_lean=_float(optional("trunk_lean")),
         power=_float(optional("power")),
+        loads=_loads(arrays, name),
     )
 
 
@@ -116,6 +134,11 @@ def episode_bounds(episode: NDArray[np.generic]) -> list[tuple[int, int]]:
     cuts = np.flatnonzero(episode[1:] != episode[:-1]) + 1
     edges = [0, *cuts.tolist(), len(episode)]
     return list(pairwise(edges))
+
+
+def _loads(arrays: Mapping[str, NDArray[Any]], name: str) -> GaitLoads | None:
+    found = {key: arrays[f"{name}_{key}"] for key in LOADS if f"{name}_{key}" in arrays}
+    return GaitLoads(**found) if found.keys() == set(LOADS) else None
 
 
 def _float(values: NDArray[np.generic] | None) -> Floats | None:

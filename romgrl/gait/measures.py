@@ -91,7 +91,56 @@ MEASURES = {
         "cost of transport",
         better="lower",
         swept=True,
-        meaning="sum over joints of |torque x angular velocity| / (m g v)",
+        meaning="sum over joints of |torque x angular velocity| / (m g v), stops of the joints included",
+    ),
+    "positive_power_w_per_kg": Measure(
+        "positive power",
+        "W/kg",
+        1,
+        "lower",
+        swept=True,
+        panel=True,
+        meaning="of actuators and stops, where torque and angular velocity have the same sign, over the body mass",
+    ),
+    "stop_torque_share": Measure(
+        "stop torque",
+        better="lower",
+        meaning="largest torque of a joint's stop as a share of its actuator's largest torque",
+    ),
+    "ankle_stop_percent": Measure(
+        "ankle on a stop", "%", 1, "lower", swept=True, meaning="share of the time that the foot touches the ground"
+    ),
+    "contact_bouts": Measure(
+        "contact bouts",
+        decimals=2,
+        better="lower",
+        meaning="touchdowns per stance at the rate of the physics: more than 1 where a foot chatters",
+    ),
+    "sliding_percent": Measure(
+        "sliding",
+        "%",
+        1,
+        "lower",
+        meaning="share of the time that a foot bears more than a tenth of the body weight in which it slides at more "
+        "than 0.3 m/s",
+    ),
+    "step_time_asymmetry_percent": Measure(
+        "step time asymmetry",
+        "%",
+        1,
+        "lower",
+        swept=True,
+        meaning="difference of the times of left and right steps over their mean",
+    ),
+    "error_over_variance": Measure(
+        "error over variance",
+        better="lower",
+        swept=True,
+        meaning="mean squared error over the reference's variance, one time shift within one episode of the reference, "
+        "mean over its episodes and the five channels: 0 is the teacher, 1 a statue in its mean pose",
+    ),
+    "largest_error_over_variance": Measure(
+        "error over variance, worst channel", better="lower", meaning="the same for the channel where it is largest"
     ),
     "phase_lag_s": Measure(
         "phase lag",

@@ -3,9 +3,7 @@
 Masses, lengths, centres of mass and radii of gyration are the male means of P. de Leva, "Adjustments to
 Zatsiorsky-Seluyanov's segment inertia parameters", J. Biomechanics 29 (1996) 1223-1230, table 4 (subjects of 1.741 m).
 Ankle, hip and shoulder positions that the table does not give are fractions of the height from D. A. Winter,
-"Biomechanics and Motor Control of Human Movement" (2009), figure 4.1. Joint ranges are those of healthy adults;
-strengths are near the largest joint moments of running and lifting (Winter, chapter 5: about 3 N m/kg at the knee and
-ankle), so that no joint can do what a person's could not.
+"Biomechanics and Motor Control of Human Movement" (2009), figure 4.1.
 """
 
 from __future__ import annotations
@@ -70,37 +68,3 @@ def mass_fraction(body: str) -> float:
             if name in (body, limb):
                 return DE_LEVA[segment].mass * share
     raise ValueError(f"no such body: {body}")
-
-
-@dataclass(frozen=True)
-class Joint:
-    """A pitch hinge: range and servo target in rad, servo in N m/rad, N m s/rad and N m."""
-
-    low: float
-    high: float
-    neutral: float
-    """Servo target at action 0."""
-    reach: float
-    """Servo targets at action -1 and 1 are neutral -+ reach."""
-    stiffness: float
-    damping: float
-    strength: float
-    armature: float = 0.02
-
-
-JOINTS: Final[dict[str, Joint]] = {
-    "Hip": Joint(-2.1, 0.44, -0.30, 1.2, 250.0, 8.0, 220.0),
-    "Knee": Joint(0.0, 2.4, 0.60, 1.1, 220.0, 5.0, 250.0),
-    "Ankle": Joint(-0.5, 0.8, -0.25, 0.7, 200.0, 4.0, 200.0),
-    "Toe": Joint(-1.1, 0.4, 0.0, 0.5, 30.0, 0.6, 40.0, 0.01),
-    "Torso": Joint(-0.2, 0.40, 0.04, 0.25, 800.0, 40.0, 220.0),
-    "Spine": Joint(-0.17, 0.30, 0.04, 0.20, 800.0, 40.0, 200.0),
-    "Chest": Joint(-0.15, 0.25, 0.02, 0.15, 800.0, 40.0, 180.0),
-    "Neck": Joint(-0.5, 0.6, 0.0, 0.4, 80.0, 4.0, 50.0),
-    "Head": Joint(-0.3, 0.4, 0.0, 0.3, 60.0, 3.0, 40.0),
-    "Thorax": Joint(-0.15, 0.15, 0.0, 0.10, 150.0, 8.0, 120.0),
-    "Shoulder": Joint(-2.6, 1.0, 0.0, 1.0, 60.0, 3.0, 80.0),
-    "Elbow": Joint(-2.5, 0.0, -1.2, 1.0, 40.0, 1.5, 60.0, 0.01),
-    "Wrist": Joint(-0.8, 0.8, 0.0, 0.5, 10.0, 0.4, 15.0, 0.01),
-}
-"""Hinges of one side; left and right are the same."""

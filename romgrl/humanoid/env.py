@@ -16,7 +16,7 @@ from romgrl.humanoid.planar_observer import GAIT_FEATURES, TRUNK_LEAN, PlanarObs
 from romgrl.humanoid.process_settings import set_up_mujoco
 from romgrl.humanoid.rendering import SideCamera
 from romgrl.humanoid.skeleton import skeleton_of
-from romgrl.humanoid.start_states import build_bank
+from romgrl.humanoid.start_states import StrideStates
 
 Float32 = NDArray[np.float32]
 
@@ -59,7 +59,7 @@ class PlanarHumanoidEnv(gym.Env[Float32, Float32]):
         self.action_space = gym.spaces.Box(-1.0, 1.0, (len(skeleton.hinges),), np.float32)
         self._data = mujoco.MjData(self.model)
         self._generator = np.random.default_rng()
-        self._bank = build_bank(self.model)
+        self._starts = StrideStates(self.model)
         self._elapsed = 0
         self._camera: SideCamera | None = None
         self._observer = PlanarObserver(self.model)
@@ -79,7 +79,7 @@ class PlanarHumanoidEnv(gym.Env[Float32, Float32]):
     def step(self, action: Float32) -> tuple[Float32, float, bool, bool, dict[str, Any]]:
         """Advance by one control step with `action` (A,) held; numbers beyond [-1, 1] are clipped."""
         task.check_actions(action, self._data.ctrl.shape)
-        self._data.ctrl[:] = np.clip(action, -1.0, 1.0)
+        self._data.ctrl[:] = task.controls(self.model, action)
         before = self._data.qpos[0]
         mujoco.mj_step(self.model, self._data, nstep=self.substeps)
         self._elapsed += 1
@@ -97,7 +97,7 @@ class PlanarHumanoidEnv(gym.Env[Float32, Float32]):
 
     def _restart(self) -> None:
         mujoco.mj_resetData(self.model, self._data)
-        self._data.qpos[:], self._data.qvel[:] = (rows[0] for rows in self._bank.draw(self._generator, 1))
+        self._data.qpos[:], self._data.qvel[:] = (rows[0] for rows in self._starts.draw(self._generator, 1))
         self._data.qvel[0] += self.task.draw_speed(self._generator, 1)[0]
         self._elapsed = 0
 

@@ -13,14 +13,21 @@ from numpy.typing import NDArray
 
 from romgrl.config.worlds import Humanoid
 from romgrl.errors import ConfigurationError
+from romgrl.humanoid.load_sensors import add_sensors
 from romgrl.humanoid.own_body import human_spec
 from romgrl.humanoid.plausible import check_motion, check_numbers, check_size, joined_lines
 from romgrl.humanoid.sagittal_plane import hold_in_plane
 from romgrl.humanoid.skeleton import ROOT_JOINTS, SKELETONS, SMPL, Skeleton, skeleton_of, without_file
 
 HEIGHT, MASS = 1.741, 73.0
-CONTROL_FREQUENCY, SUBSTEPS = 30.0, 8
-"""Defaults: the means of de Leva's subjects; substeps of 1/240 s."""
+CONTROL_FREQUENCY, SUBSTEPS = 30.0, 16
+"""Defaults: the means of de Leva's subjects; substeps of 1/480 s."""
+
+ABILITIES = (
+    *("jnt_range", "dof_damping", "dof_armature", "actuator_ctrlrange", "actuator_forcerange"),
+    *("actuator_gainprm", "actuator_biasprm", "actuator_dynprm", "jnt_stiffness", "jnt_stiffnesspoly"),
+)
+"""What of the model says how strong its joints are, how far they reach and what an action does."""
 
 
 @dataclass(frozen=True)
@@ -46,14 +53,14 @@ def build(
     substeps: int = SUBSTEPS,
     skeleton: Skeleton = SMPL,
 ) -> mujoco.MjModel:
-    """The planar humanoid: nq = nv = 3 + A (root x, z, pitch, then the hinges), nu = A with controls in [-1, 1].
+    """The planar humanoid: nq = nv = 3 + A (root x, z, pitch, then the hinges), nu = A; see `task.controls`.
 
     SMPL's skeleton has A = 21 hinges. The model remembers its skeleton, see `skeleton_of`.
 
     Args:
         xml: a MuJoCo model with the skeleton's bodies (HumEnv's robot.xml has SMPL's) and others that are welded to
             them, held in the plane; None: the project's own, whose skeleton is SMPL's.
-        actuation: "servo" (position servos) or "torque" (control x largest torque).
+        actuation: "servo" (controls are the servos' targets) or "torque" (control x largest torque).
         height: of the project's own humanoid, m.
         mass: of the project's own humanoid, kg.
         control_frequency: control steps per second.
@@ -73,6 +80,7 @@ def build(
         raise ConfigurationError(without_file(skeleton.name))
     spec = human_spec(height=height, mass=mass) if xml is None else _load(Path(xml))
     hold_in_plane(spec, skeleton, actuation=actuation)
+    add_sensors(spec, skeleton)
     spec.option.timestep = 1.0 / (control_frequency * substeps)
     model: mujoco.MjModel = _compile(spec)
     bodies = [name for name in (model.body(index).name for index in range(model.nbody)) if name in skeleton.bodies]
@@ -111,12 +119,14 @@ def identity(model: mujoco.MjModel) -> dict[str, str]:
 
 
 def fingerprint(model: mujoco.MjModel) -> str:
-    """SHA-256 of what a policy's observations and actions mean: names of bodies, joints and actuators, mass, height."""
+    """SHA-256 of what a policy's observations and actions mean: names of bodies, joints and actuators, mass, height,
+    and what joints and actuators can do."""
     sizes = dimensions(model)
     names = [[model.body(i).name for i in range(model.nbody)], [model.joint(i).name for i in range(model.njnt)]]
     names.append([model.actuator(i).name for i in range(model.nu)])
-    numbers = [model.nq, model.nv, *(f"{value:.5g}" for value in (sizes.mass, sizes.pelvis_height, sizes.head_height))]
-    return hashlib.sha256(json.dumps([names, numbers]).encode()).hexdigest()
+    abilities = np.concatenate([getattr(model, name).ravel() for name in ABILITIES])
+    numbers = [model.nq, model.nv, sizes.mass, sizes.pelvis_height, sizes.head_height, *(abilities + 0.0)]  # no -0
+    return hashlib.sha256(json.dumps([names, [f"{number:.5g}" for number in numbers]]).encode()).hexdigest()
 
 
 def _load(path: Path) -> mujoco.MjSpec:

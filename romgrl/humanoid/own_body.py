@@ -12,15 +12,22 @@ from romgrl.humanoid.anthropometry import (
     DE_LEVA,
     DE_LEVA_HEIGHT,
     HIP_HALF_WIDTH,
-    JOINTS,
     SHOULDER_HALF_WIDTH,
     SHOULDER_HEIGHT,
     mass_fraction,
 )
+from romgrl.humanoid.joints import JOINTS, motor, spring
 from romgrl.humanoid.skeleton import SMPL
 
 TORSO_RGBA, LEFT_RGBA, RIGHT_RGBA = (0.36, 0.48, 0.62, 1), (0.85, 0.52, 0.30, 1), (0.30, 0.60, 0.52, 1)
 SOLE_RADIUS = 0.02
+FRICTION_STIFFNESS = 10.0
+"""Of friction over that of the normal force: what is loaded hardly creeps."""
+STOP_SOLREF, STOP_SOLIMP = (0.006, 1.0), (0.95, 0.99, 0.01, 0.5, 2.0)
+"""Stops of the joints: as stiff as the physics rate allows, without rebound."""
+SOLE_SOLREF, SOLE_SOLIMP = (0.015, 1.0), (0.7, 0.97, 0.01, 0.5, 2.0)
+SOLE_SOLREF_FRICTION = (0.006, 1.0)
+"""A heel pad and a shoe give by about a centimetre under two body weights, and do not rebound."""
 HEEL, BALL = -0.25, 0.47
 """Heel and ball of the foot, forward of the ankle, as shares of the foot length (Winter: ankle at a quarter)."""
 
@@ -30,6 +37,8 @@ def human_spec(*, height: float, mass: float) -> mujoco.MjSpec:
     spec = mujoco.MjSpec()
     spec.modelname = "romgrl humanoid"
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    spec.option.impratio = FRICTION_STIFFNESS
     floor = spec.worldbody.add_geom(name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1])
     floor.contype = floor.conaffinity = 0
     offsets = _offsets(height)
@@ -39,7 +48,7 @@ def human_spec(*, height: float, mass: float) -> mujoco.MjSpec:
     for name, parent in SMPL.parents.items():
         bodies[name] = bodies[parent].add_body(name=name, pos=offsets[name])
         if name in SMPL.hinges:
-            _add_hinge(spec, bodies[name])
+            _add_hinge(spec, bodies[name], height, mass)
     for name in SMPL.bodies:
         _add_inertia(bodies[name], height, mass)
         _add_geoms(spec, bodies[name], height)
@@ -82,18 +91,32 @@ def _offsets(height: float) -> dict[str, list[float]]:
     }
 
 
-def _add_hinge(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
-    """A pitch hinge and its position servo: torque = kp (neutral + reach action - q) within the strength."""
+def _add_hinge(spec: mujoco.MjSpec, body: mujoco.MjsBody, height: float, mass: float) -> None:
+    """A pitch hinge with its passive moment and stiff stops, and a servo towards the angle that its control names."""
     joint = JOINTS[body.name.split("_", 1)[-1]]
     hinge = body.add_joint(name=body.name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=[1, 0, 0])
     hinge.range, hinge.limited = np.degrees([joint.low, joint.high]), mujoco.mjtLimited.mjLIMITED_TRUE
+    hinge.solref_limit, hinge.solimp_limit = STOP_SOLREF, STOP_SOLIMP
     hinge.damping[0], hinge.armature = joint.damping, joint.armature
+    hinge.stiffness, rest = spring(joint)
+    hinge.springref = np.degrees(rest)
     servo = spec.add_actuator(name=hinge.name, target=hinge.name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
-    servo.gaintype, servo.biastype = mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtBias.mjBIAS_AFFINE
-    servo.gainprm[0] = joint.stiffness * joint.reach
-    servo.biasprm[:2] = [joint.stiffness * joint.neutral, -joint.stiffness]
-    servo.ctrllimited, servo.ctrlrange = mujoco.mjtLimited.mjLIMITED_TRUE, [-1, 1]
-    servo.forcelimited, servo.forcerange = mujoco.mjtLimited.mjLIMITED_TRUE, [-joint.strength, joint.strength]
+    servo.ctrllimited, servo.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE, mujoco.mjtLimited.mjLIMITED_TRUE
+    servo.ctrlrange = [joint.neutral - joint.reach, joint.neutral + joint.reach]
+    if isinstance(joint.strength, float):
+        servo.gaintype, servo.biastype = mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtBias.mjBIAS_AFFINE
+        servo.gainprm[0], servo.biasprm[1] = joint.stiffness, -joint.stiffness
+        servo.forcerange = [-joint.strength, joint.strength]
+        return
+    drive = motor(*joint.strength, height, mass)
+    servo.set_to_dcmotor(
+        motorconst=[0, 0],
+        resistance=0,
+        nominal=[1.0, drive.stall, drive.no_load],
+        controller=[joint.stiffness, 0, 0, 0, 0, 1.0],
+        ctrlspec=mujoco.mjtCtrlInput.mjINPUT_POS.value,
+    )
+    servo.forcerange = [drive.low, drive.high]
 
 
 def _add_inertia(body: mujoco.MjsBody, height: float, mass: float) -> None:
@@ -178,7 +201,8 @@ def _add_geoms(spec: mujoco.MjSpec, body: mujoco.MjsBody, height: float) -> None
         sole = body.add_geom(name=f"{body.name}_{part}", type=mujoco.mjtGeom.mjGEOM_SPHERE, pos=[0, up, forward])
         sole.size, sole.mass, sole.rgba = [SOLE_RADIUS, 0, 0], 0.0, rgba
         sole.contype = sole.conaffinity = 0
-        spec.add_pair(geomname1="floor", geomname2=sole.name)
+        pair = spec.add_pair(geomname1="floor", geomname2=sole.name)
+        pair.solref, pair.solimp, pair.solreffriction = SOLE_SOLREF, SOLE_SOLIMP, SOLE_SOLREF_FRICTION
 
 
 def _rounded(limb: str, size: Sequence[float]) -> list[float]:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from romgrl.humanoid.model import body_ids, lowest_point
+from romgrl.humanoid.model import body_ids
 from romgrl.humanoid.planar_observer import LEFT_ANKLE, PELVIS_HEIGHT, RIGHT_ANKLE
 from romgrl.humanoid.skeleton import skeleton_of
-from romgrl.humanoid.start_states import ResetBank
+from romgrl.humanoid.start_states import lowest_points, mirrored_at_random, within_ranges
 
 Array = NDArray[np.float64]
 
@@ -21,32 +24,54 @@ SWING, ELBOW = 0.7, -1.2
 """Shoulder angle as a share of the hip's, against it, and the elbow's angle, rad."""
 
 
-def reference_bank(
-    model: mujoco.MjModel, features: NDArray[np.float32], episode: NDArray[np.int32], *, dt: float, size: int, seed: int
-) -> ResetBank:
-    """Poses and velocities at `size` random times of a reference, features (N, 5) in m and episode (N,), `dt` s apart.
+@dataclass(frozen=True)
+class ReferenceStates:
+    """Poses and velocities at random times of a reference, `dt` s between its steps.
 
     Pelvis and ankles lie where the reference has them, and joint speeds are central differences of the angles. The
-    trunk is upright, the soles are level, the arms swing against the legs. Rows size/2 and later are mirror images.
-    Raises ValueError where no episode holds three steps.
+    trunk is upright, the soles are level, the arms swing against the legs. Raises ValueError where no episode holds
+    four steps.
     """
-    middle = np.flatnonzero(episode[2:] == episode[:-2]) + 1
-    if len(middle) == 0:
-        raise ValueError("no episode of the reference holds three steps")
-    rows = np.random.default_rng(seed).choice(middle, size // 2)
-    before, qpos, after = (follow(model, features[rows + shift].astype(float)) for shift in (-1, 0, 1))
-    qvel = (after - before) / (2 * dt)
-    qvel[:, 3:] = np.clip(qvel[:, 3:], -LARGEST_JOINT_SPEED, LARGEST_JOINT_SPEED)
-    lift_out_of_floor(model, qpos)
-    mirror = skeleton_of(model).mirror_joints()
-    return ResetBank(np.concatenate([qpos, mirror.image(qpos)]), np.concatenate([qvel, mirror.image(qvel)]))
+
+    model: mujoco.MjModel
+    features: NDArray[np.float32]
+    """(N, 5) m."""
+    episode: NDArray[np.int32]
+    """(N,)."""
+    dt: float
+
+    def __post_init__(self) -> None:
+        if len(self.middle) == 0:
+            raise ValueError("no episode of the reference holds four steps")
+
+    @cached_property
+    def data(self) -> mujoco.MjData:
+        """Where positions are looked at."""
+        return mujoco.MjData(self.model)
+
+    @cached_property
+    def middle(self) -> NDArray[np.int64]:
+        """Steps that have one before and two behind them in their episode."""
+        return np.flatnonzero(self.episode[3:] == self.episode[:-3]) + 1
+
+    def draw(self, generator: np.random.Generator, count: int) -> tuple[Array, Array]:
+        """Times between two steps, too: positions are interpolated."""
+        rows, between = generator.choice(self.middle, count), generator.random((count, 1))
+
+        def at(shift: int) -> Array:
+            before, after = (self.features[rows + shift + step].astype(float) for step in (0, 1))
+            return follow(self.model, before + between * (after - before))
+
+        before, qpos, after = at(-1), at(0), at(1)
+        qvel = (after - before) / (2 * self.dt)
+        qvel[:, 3:] = np.clip(qvel[:, 3:], -LARGEST_JOINT_SPEED, LARGEST_JOINT_SPEED)
+        qpos[:, 1] += np.maximum(0.0, -lowest_points(self.model, self.data, qpos))
+        return mirrored_at_random(self.model, generator, qpos, qvel)
 
 
 def follow(model: mujoco.MjModel, features: Array) -> Array:
     """Positions qpos (N, nq) with the pelvis and the ankles where `features` (N, 5) has them, as far as legs reach."""
-    skeleton, data = skeleton_of(model), mujoco.MjData(model)
-    mujoco.mj_kinematics(model, data)
-    rest = {name: data.xpos[body][[0, 2]] for name, body in zip(skeleton.bodies, body_ids(model), strict=True)}
+    skeleton, rest = skeleton_of(model), standing(model)
     column, pelvis, left, right = skeleton.column, rest[skeleton.root], skeleton.left, skeleton.right
     qpos = np.zeros((len(features), model.nq))
     qpos[:, 1] = features[:, PELVIS_HEIGHT] - pelvis[1]
@@ -60,9 +85,17 @@ def follow(model: mujoco.MjModel, features: Array) -> Array:
             qpos[:, column[other.shoulder]] = SWING * angles[:, 0]
         if other.elbow is not None:
             qpos[:, column[other.elbow]] = ELBOW
-    low, high = model.jnt_range[3:].T
-    qpos[:, 3:] = np.clip(qpos[:, 3:], low + 0.01, high - 0.01)
+    qpos[:, 3:] = within_ranges(model, qpos[:, 3:])
     return qpos
+
+
+@lru_cache(maxsize=8)
+def standing(model: mujoco.MjModel) -> dict[str, Array]:
+    """Where each body of the skeleton is with all joints at zero, (2,) forward and up, m."""
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    names = skeleton_of(model).bodies
+    return {name: data.xpos[body][[0, 2]] for name, body in zip(names, body_ids(model), strict=True)}
 
 
 def leg_angles(target: Array, *, thigh: Array, shank: Array) -> Array:
@@ -83,12 +116,3 @@ def hanging(line: Array) -> Array:
     """Angle (...) of a line (..., 2) with straight down, rad, backward positive as the hinges turn."""
     angle: Array = np.arctan2(-line[..., 0], -line[..., 1])
     return angle
-
-
-def lift_out_of_floor(model: mujoco.MjModel, qpos: Array) -> None:
-    """Raise each row of `qpos` (N, nq) that is below the floor until it touches it."""
-    data = mujoco.MjData(model)
-    for row in qpos:
-        data.qpos[:] = row
-        mujoco.mj_kinematics(model, data)
-        row[1] += max(0.0, -lowest_point(model, data))

@@ -23,7 +23,7 @@ def hold_in_plane(spec: mujoco.MjSpec, skeleton: Skeleton = SMPL, *, actuation: 
     Other joints and their actuators go, and only the floor is touched (no self-collision), which keeps the two halves
     of the body independent and the physics fast. A text of the model names its skeleton. Bodies that the skeleton does
     not have are welded to those that they hang from. Raises ConfigurationError if bodies, joints or actuators are
-    missing or not those of the skeleton, a joint is not at the origin of its body, or controls are not in [-1, 1].
+    missing or not those of the skeleton, or a joint is not at the origin of its body.
     """
     bodies = {body.name: body for body in spec.bodies}
     missing = [name for name in skeleton.bodies if name not in bodies]
@@ -112,11 +112,12 @@ def _pitch_joint(spec: mujoco.MjSpec, body: mujoco.MjsBody, skeleton: Skeleton) 
         raise ConfigurationError(f"humanoid.xml: joint {joint.name} must be at the origin of its body")
     if np.dot(joint.axis, lateral) < 0:
         joint.range = [-joint.range[1], -joint.range[0]]
-        joint.springref, joint.ref = -joint.springref, -joint.ref
+        joint.springref, joint.ref, joint.stiffness[1] = -joint.springref, -joint.ref, -joint.stiffness[1]
         for actuator in spec.actuators:
             if actuator.target == joint.name:
                 actuator.biasprm[0] = -actuator.biasprm[0]
                 actuator.forcerange = [-actuator.forcerange[1], -actuator.forcerange[0]]
+                actuator.ctrlrange = [-actuator.ctrlrange[1], -actuator.ctrlrange[0]]
     joint.axis = lateral
     return str(joint.name)
 
@@ -134,13 +135,8 @@ def _keep_actuators(spec: mujoco.MjSpec, body_of: dict[str, str], actuation: str
         kept[body_of[joint]] = actuator
         if actuation == "torque":
             _drive_by_torque(actuator)
-        elif _is_limited(actuator) and tuple(actuator.ctrlrange) != _CONTROLS:
-            raise ConfigurationError(
-                "humanoid.xml: the ctrlrange of joint {}'s actuator is {:g} {:g}; needed: {:g} {:g}".format(
-                    joint, *actuator.ctrlrange, *_CONTROLS
-                )
-            )
-        actuator.ctrllimited, actuator.ctrlrange = mujoco.mjtLimited.mjLIMITED_TRUE, _CONTROLS
+        if not _is_limited(actuator):
+            actuator.ctrllimited, actuator.ctrlrange = mujoco.mjtLimited.mjLIMITED_TRUE, _CONTROLS
     without = sorted(joint for joint, body in body_of.items() if body not in kept)
     if without:
         raise ConfigurationError(f"humanoid.xml: joint {without[0]} has no actuator")
@@ -150,21 +146,23 @@ def _keep_actuators(spec: mujoco.MjSpec, body_of: dict[str, str], actuation: str
 
 
 def _drive_by_torque(actuator: mujoco.MjsActuator) -> None:
-    """A control of 1 is the largest torque."""
-    largest = actuator.forcerange[1]
-    if not largest > 0:
+    """A control of -1 and 1 is the largest torque; the weaker direction stays within its own."""
+    largest = np.abs(actuator.forcerange).max()
+    if not actuator.forcerange[1] > 0:
         raise ConfigurationError(
             f"humanoid.xml: joint {actuator.target}'s actuator has no largest torque; "
             "needed for humanoid.actuation=torque: a forcerange that ends above 0"
         )
-    actuator.biastype = mujoco.mjtBias.mjBIAS_NONE
+    actuator.gaintype, actuator.biastype = mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtBias.mjBIAS_NONE
+    actuator.dyntype = mujoco.mjtDyn.mjDYN_NONE
+    actuator.ctrllimited, actuator.ctrlrange = mujoco.mjtLimited.mjLIMITED_TRUE, _CONTROLS
     actuator.gainprm[0] = largest
     actuator.biasprm[:3] = 0.0
 
 
 def _is_limited(actuator: mujoco.MjsActuator) -> bool:
     automatic = actuator.ctrllimited == mujoco.mjtLimited.mjLIMITED_AUTO
-    return bool(np.any(actuator.ctrlrange)) if automatic else bool(actuator.ctrllimited)
+    return bool(np.any(actuator.ctrlrange)) if automatic else actuator.ctrllimited == mujoco.mjtLimited.mjLIMITED_TRUE
 
 
 def _add_root(root: mujoco.MjsBody, skeleton: Skeleton) -> None:

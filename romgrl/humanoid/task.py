@@ -131,6 +131,13 @@ class SpeedTask:
         return generator.uniform(*self.reset_speed, size=count)
 
 
+def controls(model: mujoco.MjModel, actions: ArrayLike) -> Array:
+    """Controls (..., A) of actions in [-1, 1], the ends of the actuators' ranges; larger actions are clipped."""
+    low, high = model.actuator_ctrlrange.T
+    scaled: Array = low + 0.5 * (high - low) * (np.clip(actions, -1.0, 1.0) + 1.0)
+    return scaled
+
+
 def check_actions(actions: ArrayLike, shape: tuple[int, ...]) -> None:
     """ValueError unless the actions are finite numbers of that shape."""
     if np.shape(actions) != shape:

@@ -19,7 +19,7 @@ from romgrl.humanoid.planar_observer import GAIT_FEATURES, TRUNK_LEAN, PlanarObs
 from romgrl.humanoid.process_settings import set_up_mujoco
 from romgrl.humanoid.rendering import SideCamera
 from romgrl.humanoid.skeleton import skeleton_of
-from romgrl.humanoid.start_states import ResetBank, build_bank
+from romgrl.humanoid.start_states import MixedStates, StartStates, StrideStates
 
 Float32 = NDArray[np.float32]
 Rows = NDArray[np.int64]
@@ -79,7 +79,7 @@ class PlanarHumanoidVectorEnv(VectorEnv[Float32, Float32, Any]):
         self.diverged_count = 0
         """Episodes ended by a diverged simulation since construction."""
         self._generator = np.random.default_rng()
-        self._bank = build_bank(self.model)
+        self._starts: StartStates = StrideStates(self.model)
         self._elapsed = np.zeros(num_envs, dtype=np.int64)
         self._camera: SideCamera | None = None
         set_up_mujoco()
@@ -109,7 +109,7 @@ class PlanarHumanoidVectorEnv(VectorEnv[Float32, Float32, Any]):
     def step(self, actions: Float32) -> Step:
         """Advance by one control step with `actions` (N, A) in [-1, 1] held; larger ones are clipped."""
         task.check_actions(actions, self._controls.shape)
-        np.clip(actions, -1.0, 1.0, out=self._controls)
+        self._controls[:] = task.controls(self.model, actions)
         before = self._qpos[:, 0].copy()
         self._batch.step(nstep=self.substeps)
         self._elapsed += 1
@@ -135,7 +135,7 @@ class PlanarHumanoidVectorEnv(VectorEnv[Float32, Float32, Any]):
 
     def _restart(self, rows: Rows) -> None:
         """Draw new states for `rows`."""
-        qpos, qvel = self._bank.draw(self._generator, len(rows))
+        qpos, qvel = self._starts.draw(self._generator, len(rows))
         qvel[:, 0] += self.task.draw_speed(self._generator, len(rows))
         self._place(rows, qpos, qvel)
 
@@ -146,9 +146,9 @@ class PlanarHumanoidVectorEnv(VectorEnv[Float32, Float32, Any]):
         self._warnings[rows] = 0
         self._elapsed[rows] = 0
 
-    def start_from(self, bank: ResetBank, share: float) -> None:
-        """From now on, this share of the episodes starts in a state of `bank`, the others as before."""
-        self._bank = self._bank.mixed(bank, share)
+    def start_from(self, states: StartStates, share: float) -> None:
+        """Let `share` of the episodes begin in other states."""
+        self._starts = MixedStates(self._starts, states, share)
 
     def push(self, force: NDArray[np.float64]) -> None:
         """From now on, forward forces (N,), N, act on the pushed body's centre of mass; a restarted row has none."""

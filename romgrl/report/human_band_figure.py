@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -28,7 +30,7 @@ def gait_bands(gaits: pd.DataFrame, speed: float) -> Figure:
         if measure in bands:
             band = bands[measure]
             axes.axhspan(band.low, band.high, color=HUMAN, zorder=0)
-        _dots(axes, measure, {walker: row[measure] for walker, row in zip(walkers, numbers, strict=True)})
+        _dots(axes, measure, {walker: row.get(measure, math.nan) for walker, row in zip(walkers, numbers, strict=True)})
     known = "grey: human adults" if bands else "no human data at this speed"
     figure.suptitle(f"Gait at {speed:g} m/s ({known})", fontsize=12, x=0.01, ha="left", color=INK)
     return figure

@@ -12,7 +12,7 @@ import pandas as pd
 
 from romgrl.artifacts import save_arrays
 from romgrl.config.schema import Config
-from romgrl.gait.alignment import aligned_phase_lag, mse_table
+from romgrl.gait.alignment import aligned_phase_lag, error_over_variance, mse_table
 from romgrl.gait.distances import measure_distances
 from romgrl.gait.features import CHANNELS, Gait, gait_from_reference, gait_from_rollouts
 from romgrl.gait.metrics import describe
@@ -67,6 +67,8 @@ def describe_walkers(
     for name, gait in gaits.items():
         seconds, strides = aligned_phase_lag(gait, gaits["teacher"], window)
         row = describe(gait, target_speed=speeds[name], mass=mass)
+        error = error_over_variance(gait, gaits["teacher"], window)
+        row |= {"error_over_variance": float(error.mean()), "largest_error_over_variance": float(error.max())}
         rows.append({"walker": name, **row, "phase_lag_s": seconds, "phase_lag_strides": strides})
     return pd.DataFrame(rows)
 

@@ -17,14 +17,13 @@ from romgrl.artifacts.checkpoint import State
 from romgrl.config.schema import Config
 from romgrl.gait.discriminator_windows import FrameWindows, WindowLayout
 from romgrl.humanoid.model import identity
-from romgrl.humanoid.reference_states import reference_bank
-from romgrl.humanoid.start_states import BANK_SIZE
+from romgrl.humanoid.reference_states import ReferenceStates
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 from romgrl.runtime.stage_log import StageLog
 from romgrl.stages.training.budget import Budget
 from romgrl.stages.training.checkpoints import Stateful, TrainingCheckpoints
 from romgrl.stages.training.discriminator_watch import HealthWatch
-from romgrl.stages.training.policy_selection import Candidates, choose
+from romgrl.stages.training.gait_check import GaitChecks
 from romgrl.stages.training.student_statistics import StudentTally
 from romgrl.stages.wiring.artifact_arrays import read_reference
 from romgrl.stages.wiring.humanoid import humanoid_env
@@ -73,7 +72,7 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
     with second_lane(beside) as lane:
         learner = build_student_learner(config, env, windows.layout, inputs.get("reference"), lane)
 
-        candidates = Candidates(config.student.candidates)
+        checks = GaitChecks.of(config, inputs.get("reference"), columns, output, log)
 
         def save(moments: tuple[Tensor, Tensor] | None = None) -> None:
             mean_and_scale = moments or learner.normalizer.mean_and_scale()
@@ -81,17 +80,15 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
                 output / "policy.safetensors", learner.sac, columns, *mean_and_scale, humanoid, env.observation_names
             )
 
-        train_student(config, env, windows, learner, candidates, log, output, save)
-        save(choose(config, learner, candidates, columns, windows.layout, output, log))
+        train_student(config, env, windows, learner, checks, log, output, save)
+        save(checks.keep_best(learner))
 
 
 def start_from_reference(config: Config, env: PlanarHumanoidVectorEnv, reference: Path) -> None:
     """Let a share of the episodes begin in poses of the reference."""
-    arrays, share = read_reference(reference, config, steps=3), config.student.reference_resets
-    bank = reference_bank(
-        env.model, arrays["features"], arrays["episode"], dt=env.control_step, size=BANK_SIZE, seed=config.seed
-    )
-    env.start_from(bank, share)
+    arrays = read_reference(reference, config, steps=4)
+    states = ReferenceStates(env.model, arrays["features"], arrays["episode"], env.control_step)
+    env.start_from(states, config.student.reference_resets)
 
 
 def window_layout(config: Config) -> WindowLayout:
@@ -105,7 +102,7 @@ def train_student(
     env: PlanarHumanoidVectorEnv,
     windows: FrameWindows,
     learner: RomGrl,
-    candidates: Candidates,
+    checks: GaitChecks,
     log: StageLog,
     output: Path,
     save: Callable[[], None],
@@ -119,7 +116,7 @@ def train_student(
     loop = StudentLoop(torch.from_numpy(observation).to(device))
     health = HealthWatch(config, output, log)
     budget = Budget(student.total_steps, student.minutes)
-    parts: dict[str, Stateful] = {"env": env, "windows": windows, "learner": learner, "candidates": candidates}
+    parts: dict[str, Stateful] = {"env": env, "windows": windows, "learner": learner, "checks": checks}
     checkpoints = TrainingCheckpoints(
         output,
         parts | {"loop": loop, "tally": tally, "health": health, "budget": budget},
@@ -162,7 +159,7 @@ def train_student(
                 tell(log, loop, tally, learner, health, step, budget)
             if learner.just_stopped():
                 log.message(f"the discriminator stopped at step {step:,}: no better on held-out windows")
-            candidates.keep(step, budget, learner)
+            checks.check_if_due(step, learner, budget)
             checkpoints.save_if_due(step)
 
 

@@ -1,11 +1,12 @@
 """Discriminator loss, gradient penalty and imitation reward against numbers worked out on paper."""
 
+import copy
 import math
 
 import pytest
 import torch
 
-from romgrl.algorithms.adversarial_losses import LOSSES, bce_loss, interpolate_penalty
+from romgrl.algorithms.adversarial_losses import LOSSES, interpolate_penalty
 from romgrl.algorithms.discriminator import Discriminator
 
 
@@ -32,12 +33,12 @@ def test_loss_on_paper() -> None:
     """Labels 0.9 and 0.1, D(real) = 0.8, D(fake) = 0.3."""
     real, fake = torch.tensor([math.log(0.8 / 0.2)]), torch.tensor([math.log(0.3 / 0.7)])
     expected = -(0.9 * math.log(0.8) + 0.1 * math.log(0.2)) - (0.1 * math.log(0.3) + 0.9 * math.log(0.7))
-    assert float(bce_loss(real, fake, 0.1)) == pytest.approx(expected, rel=1e-6)
+    assert float(LOSSES["bce"].loss(real, fake, 0.1)) == pytest.approx(expected, rel=1e-6)
 
 
 def test_loss_of_an_undecided_judge_is_two_log_two() -> None:
     zero = torch.zeros(7)
-    assert float(bce_loss(zero, zero, 0.1)) == pytest.approx(2 * math.log(2), rel=1e-6)
+    assert float(LOSSES["bce"].loss(zero, zero, 0.1)) == pytest.approx(2 * math.log(2), rel=1e-6)
 
 
 def test_gradient_penalty_of_linear_and_quadratic_judges() -> None:
@@ -75,7 +76,7 @@ def test_held_out_windows_are_the_last_tenth() -> None:
 
 
 def test_it_stops_after_patience_updates_without_improvement() -> None:
-    discriminator = make(learning_rate=1e-30, patience=10, noise=0.0)
+    discriminator = make(learning_rate=1e-30, patience=10, noise=0.0, early_stop="held_out")
     fake = torch.zeros(32, 5)
     updates = 0
     while not discriminator.stopped and updates < 500:
@@ -91,6 +92,56 @@ def test_reward_has_no_dropout() -> None:
     frames = torch.ones(8, 5)
     discriminator.update(frames)
     assert torch.equal(discriminator.reward(frames), discriminator.reward(frames))
+
+
+def test_noise_is_in_standard_deviations_where_features_are_standardised() -> None:
+    """In the units of each column then, in units of the features else."""
+    scales = torch.tensor([0.01, 0.1, 1.0, 10.0, 100.0])
+    reference = torch.randn((4000, 5), generator=torch.Generator().manual_seed(0)) * scales
+    for standardize, expected in ((True, 0.5 * reference.std(0)), (False, torch.full((5,), 0.5))):
+        discriminator = make(reference=reference, noise=0.5, standardize=standardize)
+        added = discriminator._perturb(torch.zeros(20_000, 5))
+        torch.testing.assert_close(added.std(0), expected, rtol=0.03, atol=0.0)
+        torch.testing.assert_close(added.mean(0), torch.zeros(5), rtol=0.0, atol=0.02 * float(expected.max()))
+
+
+@pytest.mark.parametrize(("shift", "rises"), [(3.0, True), (0.0, False)])
+def test_adaptive_noise_rises_where_told_apart_and_falls_where_not(shift: float, rises: bool) -> None:
+    """exp(0.01 (share told apart - accuracy)) per update."""
+    discriminator, fixed = make(accuracy=0.75, dropout=0.0), make(dropout=0.0)
+    generator = torch.Generator().manual_seed(1)
+    fixed.update(torch.zeros(8, 5))
+    for _ in range(100):
+        before = discriminator.noise.clone()
+        windows = torch.randn((256, 5), generator=generator) * 0.1 + 1.0 + 0.1 * shift
+        metrics = discriminator.update(windows)
+        told = 0.5 * (metrics["discriminator_accuracy_teacher"] + metrics["discriminator_accuracy_student"])
+        torch.testing.assert_close(discriminator.noise, before * torch.exp(0.01 * (told - 0.75)))
+        assert torch.equal(metrics["discriminator_noise"], discriminator.noise)
+    assert (float(discriminator.noise) > 0.055) == rises
+    assert (float(discriminator.noise) < 0.045) == (not rises)
+    assert float(fixed.noise) == pytest.approx(0.05)
+
+
+def test_adaptive_noise_has_bounds() -> None:
+    for noise, bound in ((1e-4, 0.02), (50.0, 3.0)):
+        discriminator = make(accuracy=0.75, noise=noise)
+        discriminator.update(torch.zeros(32, 5))
+        assert float(discriminator.noise) == pytest.approx(bound)
+
+
+def test_a_restored_discriminator_goes_on_with_its_noise() -> None:
+    windows = torch.randn((64, 5), generator=torch.Generator().manual_seed(1))
+    whole, second = make(accuracy=0.75), make(accuracy=0.75, noise=0.4)
+    for _ in range(30):
+        whole.update(windows)
+    assert float(whole.noise) != pytest.approx(0.05)
+    state = copy.deepcopy(whole.state())
+    first = whole.update(windows)
+    second.restore(state)
+    assert torch.equal(second.noise, state["tensors"]["noise"])
+    again = second.update(windows)
+    assert all(torch.equal(first[name], again[name]) for name in first)
 
 
 def test_too_little_reference_is_refused() -> None:

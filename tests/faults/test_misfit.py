@@ -274,12 +274,6 @@ def test_what_fits_is_used(smoke_config: Config, tmp_path: Path, monkeypatch: py
         Bench(smoke_config, tmp_path / "bench").run(stage)
 
 
-def test_a_fingerprint_knows_the_humanoid() -> None:
-    human = model.fingerprint(model.build())
-    assert human == model.fingerprint(model.build(actuation="torque", substeps=16, control_frequency=60.0))
-    assert human not in {model.fingerprint(model.build(height=1.75)), model.fingerprint(model.build(mass=73.5))}
-
-
 def test_another_humanoid_is_told_in_words(tmp_path: Path) -> None:
     """What the policy was trained on and what there is now; of policies of old only the latter is known."""
     path, now = tmp_path / "policy.safetensors", model.identity(model.build(mass=95.0))
@@ -288,7 +282,7 @@ def test_another_humanoid_is_told_in_words(tmp_path: Path) -> None:
         sac.load_sac_policy(path, humanoid=now)
     assert str(error.value) == f"{path}: trained on another humanoid: mass 71.8 kg in training, 95 kg now"
     write_walker(path, humanoid=now | {"fingerprint": "of other names"})
-    with pytest.raises(ArtifactError, match="another humanoid: other names of bodies, joints or actuators"):
+    with pytest.raises(ArtifactError, match=r"another humanoid: other joints or actuators, or other names of them$"):
         sac.load_sac_policy(path, humanoid=now)
     write_walker(path, humanoid=model.fingerprint(model.build()))
     with pytest.raises(ArtifactError, match=r"another humanoid: it does not say which; this one: mass 95 kg, "):

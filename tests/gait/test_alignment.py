@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from romgrl.gait import alignment
-from romgrl.gait.features import CHANNELS, Floats, Gait, gait_from_reference, gait_from_rollouts
+from romgrl.gait.features import CHANNELS, LOADS, Floats, Gait, gait_from_reference, gait_from_rollouts
 from tests.helpers.synthetic_gait import DT, run
 
 
@@ -148,6 +148,56 @@ def test_phase_lag_of_a_slower_student() -> None:
     assert strides == pytest.approx(1.5 * seconds, rel=0.01)
 
 
+def test_error_over_variance_of_the_teacher_is_zero_and_of_a_statue_one() -> None:
+    """Also where the teacher is laid over itself shifted in time, and whatever a channel's unit is."""
+    reference, _ = run(episodes=3, steps=400, frequency=1.5)  # 20 steps per stride: a shift on the grid fits exactly
+    exact = np.stack([reference[0, shift : shift + 350] for shift in (0, 7, 13)])
+    np.testing.assert_allclose(alignment.error_over_variance(gait(exact), gait(exact), 100), 0.0, atol=1e-20)
+    shifted = gait(exact[:1, 4:304])
+    np.testing.assert_allclose(alignment.error_over_variance(shifted, gait(exact), 100), 0.0, atol=1e-20)
+    statue = gait(np.broadcast_to(exact.mean(axis=(0, 1)), (2, 300, 5)))
+    np.testing.assert_allclose(alignment.error_over_variance(statue, gait(exact), 100), 1.0, rtol=0.02)
+    scaled = [gait(each * [1, 10, 100, 0.1, 7]) for each in (statue.features, exact)]
+    np.testing.assert_allclose(alignment.error_over_variance(*scaled, 100), 1.0, rtol=0.02)
+
+
+def test_error_over_variance_lies_over_one_episode_at_a_time() -> None:
+    """The mean over the reference's episodes, not the best of them; each with one shift of its own, within it."""
+    reference, _ = run(episodes=2, steps=300, frequency=1.5)
+    reference[1, :, 1] *= 2.0
+    walker = gait(reference[:1, :200])
+    variance = reference.reshape(-1, 5).var(axis=0)
+    window = walker.features[0, -100:]
+    each = [alignment.align(window[None], [episode]).mse[0] for episode in reference]
+    expected = np.mean(each, axis=0) / variance
+    np.testing.assert_allclose(alignment.error_over_variance(walker, gait(reference), 100), expected)
+    assert each[0].max() < 1e-9
+    assert expected[1] > 0.05
+    ramp = np.repeat(np.arange(200.0)[:, None], 5, axis=1)  # a window across the bound would fit exactly
+    query = Gait(ramp[None, 80:120], np.ones((1, 40), bool), np.zeros(1, bool), DT)
+    found = alignment.error_over_variance(query, gait(np.stack((ramp[:100], ramp[100:]))), 40)
+    np.testing.assert_allclose(found, 20.0**2 / ramp[:, 0].var())
+
+
+def test_an_episode_is_not_laid_over_itself() -> None:
+    rng = np.random.default_rng(0)
+    noise = gait(rng.standard_normal((3, 200, 5)))
+    assert alignment.error_over_variance(noise, noise, 100).min() > 1.0  # two independent noises: near 2
+    copy = gait(noise.features.copy())
+    assert alignment.error_over_variance(copy, noise, 100).min() > 0.5  # another walker: one of the three fits
+    alone = gait(noise.features[:1])
+    assert np.isnan(alignment.error_over_variance(alone, alone, 100)).all()
+
+
+def test_error_over_variance_needs_an_upright_episode_of_the_windows_length() -> None:
+    reference, _ = run(episodes=3, steps=300)
+    fallen = gait(reference, fallen=3)
+    assert np.isnan(alignment.error_over_variance(fallen, gait(reference), 100)).all()
+    assert np.isnan(alignment.error_over_variance(gait(reference[:, :90]), gait(reference), 100)).all()
+    one = gait(reference, fallen=2)
+    assert np.isfinite(alignment.error_over_variance(one, gait(reference), 100)).all()
+
+
 def test_gaits_are_read_from_the_artifacts_arrays() -> None:
     features, contact = run(episodes=3, steps=120)
     upright = np.ones((3, 120), bool)
@@ -157,6 +207,14 @@ def test_gaits_are_read_from_the_artifacts_arrays() -> None:
     assert list(student.fallen) == [False, True, False]
     assert student.valid[1].sum() == 40
     assert [len(e) for e in student.upright_episodes] == [120, 120]
+    assert student.loads is None
+    flags = np.repeat(contact[:, :, None], 4, axis=2)
+    power, share = np.full((3, 120), 5.0), np.full((3, 120), 0.5)
+    loads = dict(zip(LOADS, (power, share, flags, flags, ~flags, flags), strict=True))
+    recorded = gait_from_rollouts(arrays | {f"student_{key}": values for key, values in loads.items()}, "student").loads
+    assert recorded is not None
+    for key, values in loads.items():
+        np.testing.assert_array_equal(getattr(recorded, key), values)
     flat = {
         "features": features.reshape(-1, 5)[:300],
         "episode": np.repeat([0, 1, 4], [120, 120, 60]),

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from romgrl.gait import human_bands, metrics
-from romgrl.gait.features import Gait
+from romgrl.gait.features import Gait, GaitLoads
 from romgrl.gait.measures import MEASURES
 from tests.helpers.synthetic_gait import DT, run
 
@@ -115,7 +115,9 @@ def test_phase_lag_of_a_shifted_sine(shift: float) -> None:
 def test_describe_names_every_column_with_its_unit() -> None:
     features, contact = run(frequency=1.7, episodes=8)
     ones = np.ones(features.shape[:2])
-    gait = Gait(features, ones > 0, np.zeros(8, bool), DT, 4.1 * ones, contact, 0.1 * ones, 900 * ones)
+    flags = np.repeat(contact[:, :, None], 4, axis=2)
+    loads = GaitLoads(600 * ones, 0.25 * ones, flags, flags, flags & False, flags)
+    gait = Gait(features, ones > 0, np.zeros(8, bool), DT, 4.1 * ones, contact, 0.1 * ones, 900 * ones, loads)
     row = metrics.describe(gait, target_speed=4.0, mass=71.8)
     assert row["falls"] == 0
     assert row["mean_speed_m_per_s"] == pytest.approx(4.1)
@@ -123,10 +125,15 @@ def test_describe_names_every_column_with_its_unit() -> None:
     assert row["stride_frequency_hz"] == pytest.approx(1.7, rel=0.01)
     assert row["touchdown_phase_strides"] == pytest.approx(0.5, abs=0.02)
     assert row["trunk_lean_deg"] == pytest.approx(np.degrees(0.1))
+    assert row["positive_power_w_per_kg"] == pytest.approx(600 / 71.8)
+    assert (row["stop_torque_share"], row["ankle_stop_percent"], row["sliding_percent"]) == (0.25, 100.0, 0.0)
+    assert row["contact_bouts"] == 1.0
     assert all(np.isfinite(value) for value in row.values())
     bare = metrics.describe(Gait(features, ones > 0, np.zeros(8, bool), DT), target_speed=4.0)
     assert np.isnan(bare["mean_speed_m_per_s"])
+    assert np.isnan([bare[name] for name in metrics.NO_LOADS]).all()
     assert np.isfinite(bare["stride_frequency_hz"])
+    assert bare.keys() == row.keys()
 
 
 def test_the_start_from_a_reset_does_not_count_as_gait() -> None:
@@ -152,6 +159,7 @@ def test_episodes_that_fall_early_are_described_whole() -> None:
 def test_every_number_has_a_row() -> None:
     """What `describe` and the evaluation say of a walker, what follows from it, and the bands."""
     derived = {"falls_percent", "stride_length_m", "phase_lag_s", "phase_lag_strides"}
+    derived |= {"error_over_variance", "largest_error_over_variance"}
     features, _ = run(frequency=1.7)
     gait = Gait(features, np.ones(features.shape[:2], bool), np.zeros(len(features), bool), DT)
     assert set(metrics.describe(gait, target_speed=4.0)) | derived == MEASURES.keys()

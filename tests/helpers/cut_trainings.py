@@ -20,7 +20,7 @@ from romgrl.pipeline import worker
 from romgrl.runtime import signals
 from romgrl.runtime.stage_log import TerminalLog
 from romgrl.stages import student, teacher
-from romgrl.stages.training import policy_selection
+from romgrl.stages.training import gait_check
 from romgrl.stages.training.checkpoints import TrainingCheckpoints
 from tests.conftest import Composer
 
@@ -42,7 +42,7 @@ STUDENT = (
     "student.batch_size=32",
     "student.buffer_size=1600",
     "student.updates_per_step=0.15",
-    "student.candidates=4",
+    "student.check_steps=400",
     "discriminator.batch_size=32",
     "discriminator.hidden_sizes=[32,16]",
     "discriminator.recent_steps=400",
@@ -101,8 +101,8 @@ class Recorder:
         patch.setattr(teacher, "CHECK_EPISODES", 2)
         patch.setattr(teacher, "CHECK_STEPS", 60)
         patch.setattr(student, "LOG_INTERVAL", 64)
-        patch.setattr(policy_selection, "EPISODES", 4)
-        patch.setattr(policy_selection, "STEPS", 30)
+        patch.setattr(gait_check, "EPISODES", 4)
+        patch.setattr(gait_check, "STEPS", 30)
         self.patch, self.load = patch, load
 
     def again(self) -> None:

@@ -4,10 +4,12 @@ import mujoco
 import numpy as np
 import pytest
 
+from romgrl.gait.features import MIRROR
 from romgrl.humanoid.model import build, lowest_point
 from romgrl.humanoid.planar_observer import GAIT_FEATURES, PlanarObserver
-from romgrl.humanoid.reference_states import LARGEST_JOINT_SPEED, follow, reference_bank
+from romgrl.humanoid.reference_states import LARGEST_JOINT_SPEED, ReferenceStates, follow
 from romgrl.humanoid.skeleton import SMPL
+from romgrl.humanoid.start_states import MixedStates, StrideStates
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 
 DT = 1 / 30
@@ -55,42 +57,66 @@ def test_a_foot_out_of_reach_leaves_the_leg_nearly_straight_and_pointing_at_it(m
     assert follow(model, far)[0, SMPL.column["L_Knee"]] < 0.25
 
 
+def drawn(model, features, count, seed=0):
+    return ReferenceStates(model, features, EPISODE, DT).draw(np.random.default_rng(seed), count)
+
+
 def test_joint_speeds_move_the_feet_as_the_reference_does(model, features):
-    bank = reference_bank(model, features, EPISODE, dt=DT, size=64, seed=0)
-    slow = np.flatnonzero(np.abs(bank.qvel[:32, 3:]).max(1) < LARGEST_JOINT_SPEED)
-    moved = (seen(model, bank.qpos + 1e-4 * bank.qvel) - seen(model, bank.qpos))[slow] / 1e-4
+    qpos, qvel = drawn(model, features, 64)
+    slow = np.flatnonzero(np.abs(qvel[:, 3:]).max(1) < LARGEST_JOINT_SPEED)
+    moved = (seen(model, qpos + 1e-4 * qvel) - seen(model, qpos))[slow] / 1e-4
     velocities = np.gradient(features, DT, axis=0)
-    shape = seen(model, bank.qpos)[slow, 1:]
-    nearest = np.abs(shape[:, None] - features[None, 1:-1, 1:]).max(-1).argmin(1) + 1
+    both = np.concatenate((features[1:-1], MIRROR.image(features[1:-1])))
+    speeds = np.concatenate((velocities[1:-1], MIRROR.image(velocities[1:-1])))
+    nearest = np.abs(seen(model, qpos)[slow, None] - both).max(-1).argmin(1)
     assert len(slow) > 20
-    assert np.abs(moved[:, 1:] - velocities[nearest, 1:]).max() < 0.35  # feet move at up to 3 m/s; steps of 1/30 s
+    assert np.abs(moved[:, 1:] - speeds[nearest, 1:]).max() < 0.6  # feet move at up to 3 m/s; half a step of 1/30 s
 
 
 def test_no_pose_is_below_the_floor_and_half_are_mirrored(model, features):
     low = features.copy()
     low[:, 0] -= 0.2
-    bank, data = reference_bank(model, low, EPISODE, dt=DT, size=32, seed=0), mujoco.MjData(model)
-    for row in bank.qpos:
+    qpos, _ = drawn(model, low, 200)
+    data = mujoco.MjData(model)
+    for row in qpos:
         data.qpos[:] = row
         mujoco.mj_kinematics(model, data)
         assert lowest_point(model, data) > -1e-9
-    assert np.array_equal(bank.qpos[16:], SMPL.mirror_joints().image(bank.qpos[:16]))
-    assert np.array_equal(bank.qvel[16:], SMPL.mirror_joints().image(bank.qvel[:16]))
+    asymmetric = features.copy()
+    asymmetric[:, 1] += 0.1  # the left foot is ahead on average
+    ahead = seen(model, drawn(model, asymmetric, 400)[0])
+    assert np.mean(ahead[:, 1] - ahead[:, 3]) == pytest.approx(0.0, abs=0.06)
 
 
-def test_episodes_shorter_than_three_steps_are_refused(model, features):
-    with pytest.raises(ValueError, match="holds three steps"):
-        reference_bank(model, features[:4], np.array([0, 0, 1, 1], np.int32), dt=DT, size=4, seed=0)
+def test_states_are_drawn_anew_between_the_steps_of_the_reference(model, features):
+    first, second = drawn(model, features, 100)[0], drawn(model, features, 100, seed=1)[0]
+    assert len(np.unique(np.concatenate((first, second)), axis=0)) == 200
+    again = drawn(model, features, 100)[0]
+    assert np.array_equal(first, again)
+    both = np.concatenate((features, MIRROR.image(features)))
+    apart = np.abs(seen(model, first)[:, None] - both).max(-1).min(1)
+    assert 0 < np.median(apart) < apart.max() < 0.06
+
+
+def test_episodes_shorter_than_four_steps_are_refused(model, features):
+    with pytest.raises(ValueError, match="holds four steps"):
+        ReferenceStates(model, features[:6], np.array([0, 0, 0, 1, 1, 1], np.int32), DT)
 
 
 @pytest.mark.parametrize("share", [0.25, 1.0])
 def test_a_share_of_the_episodes_starts_from_the_reference(model, features, share):
     env = PlanarHumanoidVectorEnv(model=model, num_envs=400, speed=4.0)
-    bank = reference_bank(model, features, EPISODE, dt=DT, size=64, seed=0)
-    env.start_from(bank, share)
+    env.start_from(ReferenceStates(model, features, EPISODE, DT), share)
     env.reset(seed=0)
     qpos, qvel = np.split(env.states(), 2, axis=1)
-    known = {row.tobytes() for row in bank.qpos}
-    theirs = np.array([row.tobytes() in known for row in qpos])
+    theirs = (qpos[:, [SMPL.column[name] for name in SMPL.trunk]] == 0).all(
+        axis=1
+    )  # the others' trunks are not upright
     assert abs(theirs.mean() - share) < 0.08
     assert 0 <= qvel[:, 0].min() < qvel[:, 0].max() <= 4.0
+
+
+def test_a_mixture_draws_its_rows_one_by_one(model, features):
+    mixed = MixedStates(StrideStates(model), ReferenceStates(model, features, EPISODE, DT), 0.5)
+    assert [len(part) for part in mixed.draw(np.random.default_rng(0), 0)] == [0, 0]
+    assert mixed.draw(np.random.default_rng(0), 3)[0].shape == (3, model.nq)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
@@ -17,45 +16,23 @@ import pytest
 from romgrl.cli.consistency import humanoid_file
 from romgrl.config.schema import Config
 from romgrl.errors import ConfigurationError
-from romgrl.humanoid.joint_power import replay
+from romgrl.humanoid.loads import replay
 from romgrl.humanoid.model import build, dimensions
 from romgrl.humanoid.observation import observe
-from romgrl.humanoid.own_body import human_spec
 from romgrl.humanoid.plausible import check_motion, check_numbers
 from romgrl.humanoid.skeleton import SMPL, without_file
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 from romgrl.report import film
 from romgrl.stages import watch
+from tests.humanoid.files import TOE, Builder
 
-Builder = Callable[..., mujoco.MjModel]
 PELVIS, THIGH, SHIN = (f'<body name="{name}"' for name in ("Pelvis", "L_Hip", "L_Knee"))
 MOUNT = '<body name="mount" pos="0.1 0 0.2" euler="0.1 0.2 0.3"><geom size="0.02" mass="2"/><body/></body>'
 SHOE = '<body name="shoe"><geom type="box" pos="0 -0.3 0" size="0.1 0.01 0.1" mass="1"/></body>'
-KNEE, OPTION = '<joint name="L_Knee" range="0 2.4" armature="0.02" damping="5"', "<option"
+KNEE, OPTION = 'range="0 2.5" springref="0.415628" armature="0.02" damping="3.17"', "<option"
+SPRING = 'stiffness="15.3033 -17.8586 7.41721" range="0 2.5"'
+MOTOR = 'gainprm="0.000265556 0.0744053'
 GEOM = '<geom name="L_Knee_knee"'
-
-
-@pytest.fixture(scope="module")
-def text() -> str:
-    """A file of the project's own body."""
-    spec = human_spec(height=1.741, mass=73.0)
-    spec.compile()
-    return str(spec.to_xml())
-
-
-@pytest.fixture
-def changed(text: str, tmp_path: Path) -> Builder:
-    """The humanoid of that file, each text of `places` replaced by what stands beside it."""
-
-    def make(*places: tuple[str, str], actuation: str = "servo") -> mujoco.MjModel:
-        written = text
-        for place, instead in places:
-            assert place in written
-            written = written.replace(place, instead, 1)
-        (tmp_path / "file.xml").write_text(written, encoding="utf-8")
-        return build(xml=tmp_path / "file.xml", actuation=actuation)
-
-    return make
 
 
 @pytest.mark.parametrize("compact", [False, True])
@@ -83,7 +60,7 @@ def test_a_further_body_below_a_foot_is_of_the_foot(changed: Builder) -> None:
     model = changed((toe, SHOE.replace("<geom", '<geom contype="1" conaffinity="1"') + toe), ('contype="0"', ""))
     state = np.zeros((1, 48))
     state[0, 1] = dimensions(model).pelvis_height - 0.002
-    assert replay(model, state, np.zeros((1, 21)), substeps=1)[1].tolist() == [[True, False]]
+    assert replay(model, state, np.zeros((1, 21)), substeps=1).contact.tolist() == [[True, False]]
 
 
 def test_static_bodies_stay_apart(changed: Builder) -> None:
@@ -135,10 +112,6 @@ def test_pictures_follow_the_root_wherever_it_stands_in_the_file(
             [("<actuator>", '<actuator><motor name="extra" joint="R_Knee"/>')],
             "joint R_Knee has more than one actuator; needed: one",
         ),
-        (
-            [('joint="L_Knee" ctrlrange="-1 1"', 'joint="L_Knee" ctrlrange="-0.3 0.3"')],
-            "the ctrlrange of joint L_Knee's actuator is -0.3 0.3; needed: -1 1",
-        ),
     ],
 )
 def test_a_file_that_does_not_fit_is_one_line(
@@ -155,19 +128,20 @@ def test_a_file_that_does_not_fit_is_one_line(
 @pytest.mark.parametrize(
     ("place", "instead", "reason"),
     [
-        (KNEE, KNEE.replace('"5"', '"nan"'), "dof_damping of joint L_Knee is nan"),
-        (KNEE, KNEE.replace('"5"', '"-500"'), "dof_damping of joint L_Knee is -500"),
+        (KNEE, KNEE.replace("3.17", "nan"), "dof_damping of joint L_Knee is nan"),
+        (KNEE, KNEE.replace("3.17", "-500"), "dof_damping of joint L_Knee is -500"),
         (KNEE, KNEE.replace("0.02", "-5"), "dof_armature of joint L_Knee is -5"),
         (KNEE, KNEE.replace("0.02", "nan"), "dof_armature of joint L_Knee is nan"),
-        (KNEE, KNEE.replace("2.4", "nan"), "jnt_range of joint L_Knee is nan"),
-        (KNEE, f'{KNEE} stiffness="-1e9"', "joint root_pitch diverges from rest"),
+        (KNEE, KNEE.replace("2.5", "nan"), "jnt_range of joint L_Knee is nan"),
+        (SPRING, SPRING.replace("15.3033", "-1e9"), "joint root_x diverges from rest"),
         (KNEE, f'{KNEE} ref="nan"', "qpos0 of joint L_Knee is nan"),
         (OPTION, f'{OPTION} gravity="0 0 nan"', "the option gravity is nan"),
         (OPTION, f'{OPTION} gravity="0 0 1e300"', "the option gravity is 1e+300"),
         (OPTION, f'{OPTION} gravity="0 0 -1e9"', "joint root_z diverges from rest"),
-        ('gainprm="242"', 'gainprm="nan"', "actuator_gainprm of actuator L_Knee is nan"),
-        ('forcerange="-250 250"', 'forcerange="-250 nan"', "actuator_forcerange of actuator L_Knee is nan"),
-        ('gainprm="242"', 'gear="nan" gainprm="242"', "actuator_gear of actuator L_Knee is nan"),
+        (SPRING, SPRING.replace("-17.8586", "nan"), "jnt_stiffnesspoly of joint L_Knee is nan"),
+        (MOTOR, MOTOR.replace("0.0744053", "nan"), "actuator_gainprm of actuator L_Knee is nan"),
+        (TOE, TOE.replace("-40 40", "-40 nan"), "actuator_forcerange of actuator L_Toe is nan"),
+        (TOE, f'{TOE} gear="nan"', "actuator_gear of actuator L_Toe is nan"),
         (GEOM, f'{GEOM} friction="nan 1 1"', "geom_friction of geom L_Knee_knee of body L_Knee is nan"),
         (f'{SHIN} pos="0', f'{SHIN} pos="inf', "body_pos of body L_Knee is inf"),
         (SHIN, f'{SHIN} quat="nan 0 0 0"', "body_quat of body L_Knee is nan"),
@@ -205,7 +179,7 @@ def test_the_check_of_a_body_leaves_it_as_it_is(changed: Builder) -> None:
     ("place", "instead", "reason"),
     [
         (SHIN, f"{SHIN} size='1'", r"unrecognized attribute: 'size' Element 'body', line \d+$"),
-        (KNEE, KNEE.replace('"0 2.4"', '"3 2.4"'), r"range\[1\] in joint Element name 'L_Knee', id 4, line \d+$"),
+        (KNEE, KNEE.replace('"0 2.5"', '"3 2.5"'), r"range\[1\] in joint Element name 'L_Knee', id 4, line \d+$"),
     ],
 )
 def test_what_mujoco_refuses_is_one_line_with_its_reason(
@@ -242,31 +216,6 @@ def test_bodies_without_joints_have_their_order_too(text: str, tmp_path: Path) -
     (tmp_path / "file.xml").write_text(text, encoding="utf-8")
     with pytest.raises(ConfigurationError, match="bodies, joints and actuators must be in the order of the skeleton"):
         build(xml=tmp_path / "file.xml", skeleton=other)
-
-
-def test_torque_needs_a_largest_torque(changed: Builder) -> None:
-    servo = 'joint="L_Knee" ctrlrange="-1 1" ctrllimited="true" forcelimited="true" forcerange="-250 250"'
-    bare = servo.replace('forcelimited="true" forcerange="-250 250"', 'forcelimited="false"')
-    changed((servo, bare))
-    reason = "joint L_Knee's actuator has no largest torque; needed for humanoid.actuation=torque: a forcerange"
-    with pytest.raises(ConfigurationError, match=f"^humanoid.xml: {reason} that ends above 0$"):
-        changed((servo, bare), actuation="torque")
-
-
-@pytest.mark.parametrize("ranged", ['ctrlrange="-0.3 0.3"', 'ctrlrange="-9 9" ctrllimited="true"', ""])
-def test_controls_of_torques_and_of_no_limit_are_in_their_range(changed: Builder, ranged: str) -> None:
-    place = 'joint="L_Knee" ctrlrange="-1 1" ctrllimited="true"'
-    model = changed((place, f'joint="L_Knee" {ranged}'), actuation="torque" if ranged else "servo")
-    assert model.actuator_ctrlrange.tolist() == [[-1.0, 1.0]] * 21
-    assert model.actuator_ctrllimited.all()
-
-
-def test_names_that_another_actuator_had(changed: Builder) -> None:
-    model = changed(
-        ('name="L_Knee" joint="L_Knee"', 'name="L_Ankle" joint="L_Knee"'),
-        ('name="L_Ankle" joint="L_Ankle"', 'name="L_Knee" joint="L_Ankle"'),
-    )
-    assert model.actuator("L_Knee").forcerange.tolist() == [-250.0, 250.0]
 
 
 def test_skeletons_that_cannot_be() -> None:

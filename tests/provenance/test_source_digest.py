@@ -129,6 +129,9 @@ EDITED = {
     "rom/drawing.py": {"report", "robustness"},
     "humanoid/skeleton.py": set(STAGES),
     "humanoid/own_body.py": set(STAGES),  # its sizes are those of the reduced-order model
+    "humanoid/joints.py": set(STAGES),
+    "humanoid/load_sensors.py": set(STAGES),  # of the model
+    "humanoid/loads.py": {"evaluation"},
     "humanoid/task.py": HUMANOID_RUNS,
     "humanoid/vector_env.py": HUMANOID_RUNS,
     "humanoid/start_states.py": HUMANOID_RUNS,
@@ -138,7 +141,8 @@ EDITED = {
     "humanoid/changed_body.py": {"robustness"},
     "gait/discriminator_windows.py": TRAINED,
     "gait/symmetry.py": set(STAGES),
-    "gait/alignment.py": {"evaluation", "report"},
+    "gait/alignment.py": TRAINED | {"evaluation", "report"},  # the check of a training's gait
+    "gait/load_metrics.py": set(STAGES),  # among the rows of a gait, which every check reads
     "gait/floquet.py": {"robustness"},
     "gait/measures.py": {"report"},
     "algorithms/ppo.py": ROM_LEARNED | {"robustness"},
@@ -150,6 +154,7 @@ EDITED = {
     "stages/wiring/rom.py": ROM_LEARNED | {"report", "robustness"},
     "stages/wiring/humanoid.py": HUMANOID_RUNS,
     "stages/wiring/artifact_arrays.py": TRAINED | {"evaluation", "report", "robustness"},
+    "stages/training/gait_check.py": TRAINED,
     "stages/training/student_statistics.py": TRAINED,
     "stages/rollouts/rom.py": ROM_LEARNED,
     "stages/rollouts/humanoid.py": {"evaluation"},

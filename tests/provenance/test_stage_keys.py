@@ -30,7 +30,7 @@ TABLE = {
     "discriminator=none": STUDENT,
     "student.gamma=0.97": BOTH,
     "humanoid.fall_trunk_lean=0.7": BOTH,
-    "humanoid.substeps=16": BOTH,
+    "humanoid.substeps=8": BOTH,
     "humanoid.height=1.6": ALL,
     "humanoid.control_frequency=60": ALL,
     "rom.stiffness=20000": ALL - {"baseline"},
@@ -69,7 +69,7 @@ def different(value: object) -> object:
 
 def test_keys_are_the_same_in_every_process(compose_config: Composer) -> None:
     """Defaults, order of keys and of stages do not enter; two compositions agree."""
-    assert all_keys(compose_config("eta=0.5", "seed=0")) == all_keys(compose_config("seed=0", "speed=4"))
+    assert all_keys(compose_config("eta=0.35", "seed=0")) == all_keys(compose_config("seed=0", "speed=4"))
 
 
 def test_no_imitation_makes_noise_and_eta_irrelevant(compose_config: Composer) -> None:

@@ -19,6 +19,7 @@ GAITS = pd.DataFrame(
         "stride_frequency_hz": [1.5, 1.6, math.nan],
         "duty_factor": [0.3, 0.31, 0.45],
         "pelvis_excursion_m": [0.086, 0.08, 0.03],
+        "positive_power_w_per_kg": [math.nan, 11.0, 16.0],
     }
 )
 
@@ -32,18 +33,26 @@ def shaded(figure: Figure) -> list[tuple[float, float]]:
 def test_every_panel_shades_the_band_of_its_measure() -> None:
     figure = human_band_figure.gait_bands(GAITS, 4.0)
     known = human_bands.bands(4.0)
-    expected = [known[measure] for measure in human_band_figure.PANELS]
+    expected = [known[measure] for measure in human_band_figure.PANELS if measure in known]
+    assert [measure for measure in human_band_figure.PANELS if measure not in known] == ["positive_power_w_per_kg"]
     assert shaded(figure) == [(pytest.approx(band.low), pytest.approx(band.high)) for band in expected]
 
 
 def test_every_walker_has_its_dot() -> None:
     figure = human_band_figure.gait_bands(GAITS, 4.0)
-    frequency, length, duty, excursion = ([line.get_ydata()[0] for line in axes.lines] for axes in figure.axes)
+    frequency, length, duty, excursion, power = ([line.get_ydata()[0] for line in axes.lines] for axes in figure.axes)
     assert frequency[:2] == [1.5, 1.6]
     assert math.isnan(frequency[2])
     assert length[:2] == pytest.approx([4.0 / 1.5, 3.9 / 1.6])
     assert duty == [0.3, 0.31, 0.45]
     assert excursion == [0.086, 0.08, 0.03]
+    assert math.isnan(power[0])
+    assert power[1:] == [11.0, 16.0]
+
+
+def test_what_an_older_table_does_not_have_has_no_dot() -> None:
+    axes = human_band_figure.gait_bands(GAITS.drop(columns="positive_power_w_per_kg"), 4.0).axes[-1]
+    assert all(math.isnan(line.get_ydata()[0]) for line in axes.lines)
 
 
 def test_where_nothing_is_known_nothing_is_shaded_and_it_is_said() -> None:

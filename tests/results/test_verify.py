@@ -95,11 +95,11 @@ def test_only_the_settings_that_were_asked_for(verify: Composer, tmp_path: Path)
     selection = select(tmp_path, verify())
     assert [each.directory for each in selection.used] == [mine[0], again, mine[2]]
     assert selection.seeds == [0, 1, 2]
-    assert selection.left_out[other] == "student.gamma 0.9 instead of 0.98, eta 0.3 instead of 0.5"
+    assert selection.left_out[other] == "student.gamma 0.9 instead of 0.98, eta 0.3 instead of 0.35"
     assert "newer one of seed 1" in selection.left_out[old]
     assert "SHA-256" in selection.left_out[damaged]
     text = printed(verify())
-    assert f"left out: {other.name}: student.gamma 0.9 instead of 0.98, eta 0.3 instead of 0.5" in text
+    assert f"left out: {other.name}: student.gamma 0.9 instead of 0.98, eta 0.3 instead of 0.35" in text
     assert "warning: 2 versions of code" in text
 
 

@@ -1,4 +1,4 @@
-"""A training by minutes: when it ends, what its learning rates and candidates follow, and how it goes on."""
+"""A training by minutes: when it ends, what its learning rates and checks follow, and how it goes on."""
 
 from itertools import count
 from pathlib import Path
@@ -13,6 +13,7 @@ from romgrl.runtime.signals import Interrupted
 from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import student
 from romgrl.stages.training import budget as budget_module
+from romgrl.stages.training import gait_check
 from romgrl.stages.training.budget import Budget
 from tests.conftest import Composer
 from tests.helpers.cut_trainings import Recorder, files, train, training
@@ -48,7 +49,7 @@ def test_without_minutes_no_clock_is_read(monkeypatch: pytest.MonkeyPatch) -> No
     budget = Budget(1000)
     monkeypatch.setattr(budget_module.time, "monotonic", lambda: pytest.fail("a clock was read"))
     budget.tick()
-    assert budget.state() == {"elapsed": 0.0}
+    assert budget.state() == {"elapsed": 0.0, "total": 1000}
     assert (budget.share(250), budget.expected_steps(250)) == (0.25, 1000)
     assert [budget.reached(step) for step in (999, 1000)] == [False, True]
 
@@ -66,8 +67,8 @@ def test_minutes_decide_as_steps_do(
     assert recorder.steps[-1] == 1200
     whole = (recorder.state, files(tmp_path / "minutes"))
     assert whole[1] == by_steps
-    table = pd.read_csv(tmp_path / "minutes" / "selection.csv")
-    assert table.step.tolist() == [752, 904, 1056, 1200]
+    table = pd.read_csv(tmp_path / "minutes" / gait_check.FILE)
+    assert table.step.tolist() == [400, 800, 1200]
     recorder.again()
     recorder.cut = 800
     with pytest.raises(Interrupted):
@@ -85,7 +86,7 @@ def test_the_log_says_what_was_used(
 ) -> None:
     """Both in a baseline; the first limit ends it."""
     keys = (f"student.minutes={minutes}", f"student.total_steps={total}", "discriminator=none", "eta=1")
-    config = training("student", compose_config, *keys, "student.candidates=0")
+    config = training("student", compose_config, *keys, "student.check_steps=0")
     log = SilentLog()
     student.run(config, {}, tmp_path, log)
     steps = min(total, round(8 * 60 * minutes))

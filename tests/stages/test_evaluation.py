@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from romgrl.artifacts import load_arrays, save_arrays
 from romgrl.config.schema import Config
 from romgrl.errors import ArtifactError
-from romgrl.humanoid.joint_power import replay
+from romgrl.humanoid.loads import Loads, replay
 from romgrl.humanoid.model import build, configured, dimensions, fingerprint
 from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import evaluation
@@ -55,9 +55,12 @@ class TwoWalkers:
 def test_nothing_after_a_fall_counts(monkeypatch: pytest.MonkeyPatch) -> None:
     replayed: list[int] = []
 
-    def fake_replay(model: object, states: NDArray[np.float64], actions: object, substeps: int) -> tuple[Any, Any]:
+    def fake_replay(model: object, states: NDArray[np.float64], actions: object, substeps: int) -> Loads:
         replayed.append(len(states))
-        return np.full(len(states), 7.0), np.ones((len(states), 2), bool)
+        loads = Loads.empty(len(states), substeps=substeps)
+        for values in loads.arrays().values():
+            values[:] = 7
+        return loads
 
     monkeypatch.setattr(humanoid, "replay", fake_replay)
     env, seen = TwoWalkers(), []
@@ -72,38 +75,43 @@ def test_nothing_after_a_fall_counts(monkeypatch: pytest.MonkeyPatch) -> None:
     np.testing.assert_array_equal(arrays["upright"], [[True] * 10, [True] * 3 + [False] * 7])
     np.testing.assert_array_equal(arrays["features"][0, :, 2], np.arange(10))
     assert replayed == [10, 3]
-    np.testing.assert_array_equal(arrays["power"].sum(axis=1), [70, 21])
+    for name in ("power", "positive_power", "stop_share"):
+        np.testing.assert_array_equal(arrays[name].sum(axis=1), [70, 21])
+    for name in ("contact", "touching", "loaded", "sliding", "ankle_stop"):
+        np.testing.assert_array_equal(arrays[name].reshape(2, 10, -1).all(axis=2), arrays["upright"])
     np.testing.assert_array_equal(arrays["states"][:, 0], np.arange(10))
 
 
 def test_replayed_power_is_torque_times_angle() -> None:
     model = build(actuation="torque", substeps=16)
     data = mujoco.MjData(model)
-    data.qpos[1] = 2.0  # in the air, at rest
+    data.qpos[1], data.qpos[3:] = 2.0, model.jnt_range[3:].mean(axis=1)  # in the air, at rest, off the stops
     state = np.concatenate((data.qpos, data.qvel))
     action = np.zeros(model.nu)
-    assert replay(model, state[None], action[None], 16)[0][0] == 0.0
+    assert replay(model, state[None], action[None], 16).power[0] == 0.0
     actuator = model.actuator("L_Knee").id
     action[actuator] = 0.2
     joint = model.jnt_dofadr[model.actuator_trnid[actuator, 0]]
-    power, contact = replay(model, state[None], action[None], 16)
+    loads = replay(model, state[None], action[None], 16)
     data.ctrl[:] = action
-    torque, angle = [], data.qpos[joint]
+    torque, speeds = [], [0.0]
     for _ in range(16):
         mujoco.mj_step(model, data)
         torque.append(data.qfrc_actuator[joint])
-    assert np.ptp(torque) < 1e-9  # constant, so that work = torque x angle
-    work = abs(torque[0] * (data.qpos[joint] - angle))
+        speeds.append(data.qvel[joint])
+    assert np.ptp(torque) < 1e-9  # constant, so that work = torque x angle, of a speed that changes evenly in a substep
+    work = abs(torque[0] * np.trapezoid(speeds, dx=model.opt.timestep))
     assert work > 0
-    assert power[0] == pytest.approx(work * 30.0, rel=1e-6)
-    assert not contact.any()
+    assert loads.power[0] == pytest.approx(work * 30.0, rel=1e-6)
+    assert loads.positive_power[0] == pytest.approx(work * 30.0, rel=1e-6)
+    assert not loads.contact.any()
 
 
 def test_replayed_contact_of_a_standing_humanoid() -> None:
     model = build()
     states = np.zeros((2, model.nq + model.nv))
     states[:, 1] = dimensions(model).pelvis_height + np.array([-0.005, 0.1])
-    contact = replay(model, states, np.zeros((2, model.nu)), 1)[1]
+    contact = replay(model, states, np.zeros((2, model.nu)), 1).contact
     np.testing.assert_array_equal(contact, [[True, True], [False, False]])
 
 

@@ -28,7 +28,7 @@ SMALL = (
     "student.learning_starts=500",
     "student.batch_size=32",
     "student.updates_per_step=0.05",
-    "student.candidates=2",
+    "student.check_steps=3000",
     "discriminator.batch_size=64",
 )
 JUDGED_OFTEN = ("student.updates_per_step=0.3", "discriminator.update_interval=1")
@@ -132,7 +132,8 @@ def test_running_normalizer_equals_the_moments_of_all_it_saw() -> None:
 @pytest.mark.slow
 def test_the_moment_the_discriminator_stops_is_logged(configuration: Composer, reference: Path, tmp_path: Path) -> None:
     log = SilentLog()
-    still = ["discriminator.patience=2", "discriminator.learning_rate=1e-30", "student.updates_per_step=0.3"]
+    still = ["discriminator.patience=2", "discriminator.early_stop=held_out", "discriminator.learning_rate=1e-30"]
+    still += ["student.updates_per_step=0.3"]
     student.run(configuration("student.total_steps=4096", *still), {"reference": reference}, tmp_path, log)
     values = log.rows[-1][1]
     assert values["discriminator_stopped"] == 1.0
@@ -175,7 +176,7 @@ def test_how_often_the_policy_is_updated(
     learners: list[RomGrl] = []
     build = student.build_student_learner
     monkeypatch.setattr(student, "build_student_learner", lambda *a: learners.append(build(*a)) or learners[-1])
-    keys = (f"student={preset}", "student.total_steps=604", "student.candidates=0", "discriminator=none", "eta=1")
+    keys = (f"student={preset}", "student.total_steps=604", "student.check_steps=0", "discriminator=none", "eta=1")
     student.run(configuration(*keys), {}, tmp_path, SilentLog())
     sac = learners[0].sac
     made = [int(each["step"]) for each in sac.policy_optimizer.state.values()]

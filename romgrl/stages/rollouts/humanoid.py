@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from romgrl.gait.features import until_first_fall
-from romgrl.humanoid.joint_power import replay
+from romgrl.humanoid.loads import Loads, replay
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 
 Policy = Callable[[NDArray[np.float32]], NDArray[np.float32]]
@@ -20,8 +20,9 @@ def roll_out(
 ) -> dict[str, NDArray[Any]]:
     """One episode of `steps` steps in each of the E environments; a walker is not upright from its first fall on.
 
-    features (E, T, 5) m, velocity (E, T) m/s, upright (E, T), trunk_lean (E, T) rad, power (E, T) W, contact (E, T, 2),
-    states (T', nq + nv): qpos and qvel of one episode up to its fall, of the first without a fall where there is one.
+    features (E, T, 5) m, velocity (E, T) m/s, upright (E, T), trunk_lean (E, T) rad, contact (E, T, 2), arrays of
+    `Loads`, states (T', nq + nv): qpos and qvel of one episode up to its fall, of the first without a fall where there
+    is one.
     """
     size = (env.num_envs, steps)
     features, velocity = np.zeros((*size, 5), np.float32), np.zeros(size, np.float32)
@@ -36,19 +37,18 @@ def roll_out(
         upright[:, step], trunk_lean[:, step] = ~terminated, info["trunk_lean"]
         progress(step + 1)
     upright = until_first_fall(upright)
-    power, contact = np.zeros(size), np.zeros((*size, 2), np.bool_)
+    loads = Loads.empty(*size, substeps=env.substeps)
     for episode, lasted in enumerate(upright.sum(axis=1)):
         steps_taken = slice(0, int(lasted))
-        power[episode, steps_taken], contact[episode, steps_taken] = replay(
-            env.model, states[episode, steps_taken], actions[episode, steps_taken], env.substeps
-        )
+        replayed = replay(env.model, states[episode, steps_taken], actions[episode, steps_taken], env.substeps)
+        loads.put((episode, steps_taken), replayed)
     longest = int(upright.sum(axis=1).argmax())  # the first of the longest
     return {
         "features": features,
         "velocity": velocity,
         "upright": upright,
         "trunk_lean": trunk_lean,
-        "power": power,
-        "contact": contact,
+        "contact": loads.contact,
+        **loads.arrays(),
         "states": states[longest, : max(1, int(upright[longest].sum()))],
     }

@@ -50,14 +50,18 @@ class Budget:
         share = self.share(step)
         return self.total if share <= step / self.total else max(step, round(step / share))
 
+    def begin_second_half(self, step: int) -> None:
+        """From now on half of the budget counts as used, unless more is: as many steps are left as were made."""
+        self.total = min(self.total, 2 * step)
+
     def summary(self, step: int) -> str:
         """What of both limits is used after `step` steps, in one line."""
         return f"{self.elapsed / 60:.1f} of {self.minutes:g} minutes used, {step:,} of at most {self.total:,} steps"
 
     def state(self) -> dict[str, Any]:
         """Everything that `restore` needs."""
-        return {"elapsed": self.elapsed}
+        return {"elapsed": self.elapsed, "total": self.total}
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Go on from a state."""
-        self.elapsed = float(state["elapsed"])
+        self.elapsed, self.total = float(state["elapsed"]), int(state["total"])

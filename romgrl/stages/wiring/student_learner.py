@@ -100,9 +100,11 @@ def build_discriminator(config: Config, layout: WindowLayout, reference: Path | 
         reward_limit=discriminator.reward_limit,
         held_out=discriminator.held_out,
         patience=discriminator.patience,
+        early_stop=discriminator.early_stop,
         standardize=discriminator.standardize,
         loss=discriminator.loss,
         penalty_on=discriminator.penalty_on,
+        accuracy=discriminator.accuracy,
         seed=config.seed,
         device=config.device,
     )

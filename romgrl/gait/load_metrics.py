@@ -1,0 +1,93 @@
+"""What joints and feet bear, in numbers: free functions on flags at the rate of the physics, (E, T, S, 2) with S
+substeps per control step of `dt` s, left and right foot last.
+
+`valid` (E, T) marks the control steps that count. nan where nothing can be told.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from romgrl.gait.features import Bools, Floats, GaitLoads
+
+LONGEST_GAP = 0.1
+"""A foot that leaves the ground for less than this, s, has not ended its stance: swings take 0.3 s and more."""
+SHORTEST_STANCE = 0.05
+"""A contact that lasts less, s, is a foot that scuffs in its swing: stances take 0.15 s and more."""
+
+
+def describe_loads(loads: GaitLoads, valid: Bools, dt: float, mass: float | None) -> dict[str, float]:
+    """Rows of gait.csv. mass: of the walker, kg."""
+    touching, loaded = ((flags & valid[..., None, None]) for flags in (loads.touching, loads.loaded))
+    nan = float("nan")
+    return {
+        "positive_power_w_per_kg": nan if mass is None else _mean(loads.positive_power[valid]) / mass,
+        "stop_torque_share": float(loads.stop_share[valid].max()) if valid.any() else nan,
+        "ankle_stop_percent": 100 * _mean(loads.ankle_stop[touching]),
+        "contact_bouts": contact_bouts(touching, valid, dt),
+        "sliding_percent": 100 * _mean(loads.sliding[loaded]),
+        "step_time_asymmetry_percent": 100 * step_time_asymmetry(touching, valid, dt),
+    }
+
+
+def contact_bouts(touching: Bools, valid: Bools, dt: float) -> float:
+    """Touchdowns per stance: 1 where a foot that has landed stays until it swings, more where it chatters or scuffs."""
+    landings = sum(len(landed(foot)) for foot in _feet(touching, valid))
+    count = sum(len(landed(stances(foot, dt / touching.shape[2]))) for foot in _feet(touching, valid))
+    return landings / count if count else float("nan")
+
+
+def step_time_asymmetry(touching: Bools, valid: Bools, dt: float) -> float:
+    """|t_left - t_right| over their mean: t from a touchdown of one foot to the next one of the other, means."""
+    timestep = dt / touching.shape[2]
+    times: tuple[list[float], list[float]] = ([], [])
+    feet = list(_feet(touching, valid))
+    for left, right in zip(feet[::2], feet[1::2], strict=True):
+        touchdowns = [(step, 0) for step in landed(stances(left, timestep))]
+        touchdowns += [(step, 1) for step in landed(stances(right, timestep))]
+        for (start, foot), (stop, other) in pairwise(sorted(touchdowns)):
+            if foot != other:
+                times[foot].append((stop - start) * timestep)
+    if not all(times):
+        return float("nan")
+    first, second = (float(np.mean(each)) for each in times)
+    return abs(first - second) / (0.5 * (first + second))
+
+
+def stances(contact: Bools, timestep: float) -> Bools:
+    """The same contact (N,) without the gaps within a stance, and without what is too short to be one."""
+    closed = without_gaps(contact, round(LONGEST_GAP / timestep))
+    lifts = np.flatnonzero(closed[:-1] & ~closed[1:]) + 1
+    for landing in landed(closed):
+        after = lifts[lifts > landing]
+        if len(after) and (after[0] - landing) * timestep < SHORTEST_STANCE:
+            closed[landing : after[0]] = False
+    return closed
+
+
+def landed(contact: Bools) -> NDArray[np.int64]:
+    """Substeps at which a foot lands. contact: (N,)."""
+    return np.flatnonzero(contact[1:] & ~contact[:-1]) + 1
+
+
+def without_gaps(contact: Bools, longest: int) -> Bools:
+    """The same contact (N,) with gaps of fewer than `longest` substeps closed."""
+    closed = contact.copy()
+    lifts, lands = np.flatnonzero(contact[:-1] & ~contact[1:]) + 1, landed(contact)
+    for lift in lifts:
+        after = lands[lands > lift]
+        if len(after) and after[0] - lift < longest:
+            closed[lift : after[0]] = True
+    return closed
+
+
+def _feet(touching: Bools, valid: Bools) -> list[Bools]:
+    """Contact (N,) over the valid substeps of each episode, left foot and right foot in turn."""
+    return [flags[mask].reshape(-1, 2)[:, foot] for flags, mask in zip(touching, valid, strict=True) for foot in (0, 1)]
+
+
+def _mean(values: Floats | Bools) -> float:
+    return float(values.mean()) if values.size else float("nan")

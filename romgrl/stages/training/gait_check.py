@@ -1,0 +1,210 @@
+"""What a student's gait is while it learns: rolled out at intervals, beside the teacher's; the best policy is kept."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import torch
+from torch import Tensor
+
+from romgrl.algorithms.networks.stacked_mlp import StackedMLP
+from romgrl.algorithms.rom_grl import RomGrl
+from romgrl.algorithms.sac import SACPolicy
+from romgrl.config.schema import Config
+from romgrl.gait.alignment import error_over_variance
+from romgrl.gait.features import Gait, gait_from_reference, until_first_fall
+from romgrl.gait.metrics import describe
+from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
+from romgrl.runtime.stage_log import StageLog
+from romgrl.stages.training.budget import Budget
+from romgrl.stages.wiring.artifact_arrays import read_reference
+from romgrl.stages.wiring.humanoid import humanoid_env
+from romgrl.stages.wiring.seeds import CHECK_SEED
+
+EPISODES, STEPS, LONGEST_WINDOW = 16, 300, 100
+FILE = "checks.csv"
+LEAST_ETA, MOST_ETA, ETA_FACTOR = 0.2, 0.8, 1.1
+STANDING, STANDING_FACTOR = 50.0, 1.5
+ADAPTS_FROM, PASSES = 0.2, 2
+"""Range of the weight that `adapted` sets and its change at a check, that of a student which is so many percent too
+slow that it stands in a pose that pays; the share of all steps that a student has to find its feet before;
+checks in a row after which the gait is the teacher's."""
+SPEED, CADENCE, LEAN = 3.0, 5.0, 10.0
+"""What a student passes with all episodes upright: speed and cadence within so many percent of what is asked and of
+the teacher's, trunk lean within so many degrees of upright."""
+
+
+def shortcomings(row: Mapping[str, float]) -> list[str]:
+    """What a student of a row of checks.csv lacks to run as its teacher does; empty where it passes."""
+    if row["falls"]:
+        return [f"falls in {row['falls']:.0f} of {EPISODES} episodes"]
+    found = []
+    if not abs(row["speed_error_percent"]) <= SPEED:
+        found.append(f"wrong speed, {row['speed_error_percent']:+.1f} %")
+    if not abs(row["cadence_error_percent"]) <= CADENCE:
+        found.append(f"wrong cadence, {row['cadence_error_percent']:+.1f} %")
+    if not abs(row["trunk_lean_deg"]) <= LEAN:
+        found.append(f"leans by {row['trunk_lean_deg']:.0f} degrees")
+    return found
+
+
+@dataclass
+class GaitChecks:
+    """Checks of the averaged policy every `interval` steps (0: none) of a training; the best policy is kept.
+
+    It is rolled out in `env` and compared with `teacher`; where there is none, as for a baseline, its reward counts.
+    """
+
+    interval: int
+    config: Config
+    env: PlanarHumanoidVectorEnv | None
+    teacher: Gait | None
+    columns: Tensor
+    output: Path
+    log: StageLog
+    rows: list[dict[str, float]] = field(default_factory=list)
+    best: list[Tensor] = field(default_factory=list)
+    """Weights of the best policy, mean and scale of its observations; empty before the first check."""
+
+    @classmethod
+    def of(cls, config: Config, reference: Path | None, columns: Tensor, output: Path, log: StageLog) -> GaitChecks:
+        """Those of a configuration; reference: of a student."""
+        interval = config.student.check_steps
+        env = humanoid_env(config, num_envs=EPISODES, episode_steps=STEPS + 1) if interval else None
+        taught = reference is not None and config.discriminator.enabled
+        teacher = gait_from_reference(read_reference(reference, config, steps=2)) if taught and reference else None
+        return cls(interval, config, env, teacher, columns, output, log)
+
+    def check_if_due(self, step: int, learner: RomGrl, budget: Budget) -> None:
+        """Check the policy where `step` has reached a multiple of the interval that no row has yet, and at the end.
+
+        What is found may change the weight of the task, and what is left of the budget.
+        """
+        if self.env is None or (step // self.interval <= len(self.rows) and not budget.reached(step)):
+            return
+        moments = learner.normalizer.mean_and_scale()
+        with torch.random.fork_rng(devices=[]):  # the weights drawn here are no part of the training
+            network = StackedMLP(stack=1, **learner.sac.network)
+        network.flat.copy_(learner.sac.average.flat)
+        policy = SACPolicy(network, self.columns, *(part.cpu() for part in moments))
+        measured = self.measure(roll_out(self.env, policy, self.config.seed + CHECK_SEED))
+        row = {"step": float(step), "eta": float(learner.eta)} | {
+            name: float(value) for name, value in measured.items()
+        }
+        if not self.rows or rank(row) < min(map(rank, self.rows)):
+            self.best = [network.flat, *moments]
+        self.rows.append(row)
+        self.tell(row)
+        begun = step >= ADAPTS_FROM * self.config.student.total_steps
+        if self.config.student.adapt_eta and self.teacher is not None and begun:
+            learner.eta = adapted(learner.eta, row)
+        pd.DataFrame(self.rows).to_csv(self.output / FILE, index=False)
+        if self.config.student.end_early and self.passes() >= PASSES and not budget.reached(step, 0.5):
+            budget.begin_second_half(step)
+            self.log.message(f"{PASSES} checks in a row passed: the second half begins, to {budget.total:,} steps")
+
+    def tell(self, row: Mapping[str, float]) -> None:
+        """Say what is wrong with a gait that does not fall, once a student has had half of its steps."""
+        if "passed" in row and row["step"] >= self.config.student.total_steps / 2 and not row["falls"]:
+            told = "; ".join(shortcomings(row)) or "passed"
+            self.log.message(
+                f"gait at step {row['step']:,.0f}: {told}; error over variance {row['error_over_variance']:.2f}"
+            )
+
+    def measure(self, gait: Gait) -> dict[str, float]:
+        """A row of checks.csv."""
+        assert gait.velocity is not None
+        speed = self.config.speed
+        row = describe(gait, target_speed=speed)
+        reward = np.exp(-self.config.student.alpha * np.abs(gait.velocity - speed))
+        kept = ("falls", "steady_speed_m_per_s", "stride_frequency_hz", "pelvis_excursion_m", "trunk_lean_deg")
+        measured = {"task_reward": float((reward * gait.valid).mean()), **{name: row[name] for name in kept}}
+        measured["speed_error_percent"] = percent(row["steady_speed_m_per_s"], speed) - 100
+        if self.teacher is None:
+            return measured
+        taught = describe(self.teacher, target_speed=speed)
+        window = min(LONGEST_WINDOW, int(self.teacher.valid.sum(axis=1).min()))
+        measured["cadence_error_percent"] = percent(row["stride_frequency_hz"], taught["stride_frequency_hz"]) - 100
+        measured["excursion_percent"] = percent(row["pelvis_excursion_m"], taught["pelvis_excursion_m"])
+        measured["error_over_variance"] = float(error_over_variance(gait, self.teacher, window).mean())
+        return measured | {"passed": float(not shortcomings(measured))}
+
+    def passes(self) -> int:
+        """Checks in a row that the policy has passed, up to the last one."""
+        count = 0
+        for row in reversed(self.rows):
+            if row.get("passed", 0.0) == 0.0:
+                break
+            count += 1
+        return count
+
+    def keep_best(self, learner: RomGrl) -> tuple[Tensor, Tensor]:
+        """Give the averaged policy of the agent the best weights; mean and scale of its observations."""
+        if self.env is not None:
+            self.env.close()
+        if not self.best:
+            return learner.normalizer.mean_and_scale()
+        weights, mean, scale = self.best
+        learner.sac.average.flat.copy_(weights)
+        best = min(self.rows, key=rank)
+        told = f"falls in {best['falls']:.0f} of {EPISODES} episodes, {best['steady_speed_m_per_s']:.2f} m/s"
+        if self.teacher is not None:
+            told += f", error over variance {best['error_over_variance']:.2f}"
+        self.log.message(f"kept the policy of step {best['step']:,.0f}: {told}")
+        return mean, scale
+
+    def state(self) -> dict[str, Any]:
+        """Everything that `restore` needs."""
+        return {"rows": [list(row.values()) for row in self.rows], "names": list(self.rows[0]) if self.rows else []} | (
+            dict(zip(("weights", "mean", "scale"), self.best, strict=True)) if self.best else {}
+        )
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Go on from a state."""
+        self.rows = [dict(zip(state["names"], map(float, row), strict=True)) for row in state["rows"]]
+        self.best = [torch.as_tensor(state[name]) for name in ("weights", "mean", "scale")] if self.rows else []
+
+
+def adapted(eta: float, row: Mapping[str, float]) -> float:
+    """The weight of the task reward after a check: more of it for a student that is slow, less for one that runs at
+    its speed with another cadence than the teacher's; as it is where the walker falls or passes."""
+    if row["falls"] > EPISODES / 4:
+        return eta
+    if row["speed_error_percent"] < -SPEED:
+        return min(MOST_ETA, eta * (STANDING_FACTOR if row["speed_error_percent"] < -STANDING else ETA_FACTOR))
+    if not abs(row["cadence_error_percent"]) <= CADENCE:
+        return max(LEAST_ETA, eta / ETA_FACTOR)
+    return eta
+
+
+def percent(value: float, of: float) -> float:
+    """nan of nothing."""
+    return 100 * value / of if of else float("nan")
+
+
+def rank(row: Mapping[str, float]) -> tuple[float, ...]:
+    """Less is better: falls first, then whether it passed, then the error, the larger the further off its speed is;
+    a baseline's reward in their place."""
+    if "error_over_variance" not in row:
+        return row["falls"], -row["task_reward"]
+    error = row["error_over_variance"] * (1 + abs(row["speed_error_percent"]) / SPEED)
+    return row["falls"], 1.0 - row["passed"], error if np.isfinite(error) else np.inf, -row["task_reward"]
+
+
+def roll_out(env: PlanarHumanoidVectorEnv, policy: SACPolicy, seed: int) -> Gait:
+    """STEPS steps of a policy in all environments, from the same resets every time."""
+    size = (env.num_envs, STEPS)
+    features, velocity, lean = np.zeros((*size, 5)), np.zeros(size), np.zeros(size)
+    upright = np.ones(size, np.bool_)
+    observation, _ = env.reset(seed=seed)
+    for step in range(STEPS):
+        observation, _, terminated, _, info = env.step(policy(observation))
+        features[:, step], velocity[:, step] = info["features"], info["forward_velocity"]
+        lean[:, step], upright[:, step] = info["trunk_lean"], ~terminated
+    valid = until_first_fall(upright)
+    return Gait(features, valid, ~valid[:, -1], env.control_step, velocity=velocity, trunk_lean=lean)
