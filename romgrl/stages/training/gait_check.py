@@ -99,9 +99,9 @@ class GaitChecks:
         if not self.rows or rank(row) < min(map(rank, self.rows)):
             self.best = [network.flat, *moments]
         self.rows.append(row)
-        self.tell(row)
-        begun = step >= ADAPTS_FROM * self.config.student.total_steps
-        if self.config.student.adapt_eta and self.teacher is not None and begun:
+        if budget.reached(step, 0.5):
+            self.tell(row)
+        if self.config.student.adapt_eta and self.teacher is not None and budget.reached(step, ADAPTS_FROM):
             learner.eta = adapted(learner.eta, row)
         pd.DataFrame(self.rows).to_csv(self.output / FILE, index=False)
         if self.config.student.end_early and self.passes() >= PASSES and not budget.reached(step, 0.5):
@@ -109,8 +109,8 @@ class GaitChecks:
             self.log.message(f"{PASSES} checks in a row passed: the second half begins, to {budget.total:,} steps")
 
     def tell(self, row: Mapping[str, float]) -> None:
-        """Say what is wrong with a gait that does not fall, once a student has had half of its steps."""
-        if "passed" in row and row["step"] >= self.config.student.total_steps / 2 and not row["falls"]:
+        """Say what is wrong with the gait of a student that does not fall."""
+        if "passed" in row and not row["falls"]:
             told = "; ".join(shortcomings(row)) or "passed"
             self.log.message(
                 f"gait at step {row['step']:,.0f}: {told}; error over variance {row['error_over_variance']:.2f}"
