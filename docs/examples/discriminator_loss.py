@@ -11,12 +11,16 @@ from romgrl.algorithms.adversarial_losses import LOSSES, AdversarialLoss
 from romgrl.algorithms.discriminator import Discriminator
 
 
-def hinge_loss(real_logits: Tensor, fake_logits: Tensor, label_smoothing: float) -> Tensor:
-    """E max(0, 1 - l_real) + E max(0, 1 + l_fake) (Lim and Ye 2017); there are no labels to smooth."""
-    return (1 - real_logits).relu().mean() + (1 + fake_logits).relu().mean()
+def hinge(logits: Tensor, label_smoothing: float) -> Tensor:
+    """E max(0, 1 - l) of what should be high (Lim and Ye 2017); there are no labels to smooth."""
+    return (1 - logits).relu().mean()
 
 
-LOSSES["hinge"] = AdversarialLoss(hinge_loss, reward=lambda logits, level: (0.5 * (logits + 1)).clamp(0, 1))
+LOSSES["hinge"] = AdversarialLoss(
+    real=hinge,
+    fake=lambda logits, label_smoothing: hinge(-logits, label_smoothing),
+    reward=lambda logits, level: (0.5 * (logits + 1)).clamp(0, 1),
+)
 
 
 def main() -> dict[str, float]:

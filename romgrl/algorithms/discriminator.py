@@ -176,16 +176,15 @@ class Discriminator:
         held_out = self.logits(self.validation)
         self.level = held_out.mean()
         loss = self.adversarial.real(held_out, self.label_smoothing)
-        if self.patience is None:
-            return loss
         watched, tolerance = loss, 0.0
-        if self.early_stop == "gap":
+        if self.early_stop == "gap" and self.patience is not None:
             learned = self.logits(self.real[: len(self.validation)])
             watched = loss - self.adversarial.real(learned, self.label_smoothing)
             tolerance = GAP_TOLERANCE * self.adversarial.undecided_loss(self.label_smoothing)
         self.stale_updates = torch.where(watched < self.best_validation + tolerance, 0, self.stale_updates + 1)
         self.best_validation = torch.minimum(self.best_validation, watched)
-        self.stopped = bool(self.stale_updates >= self.patience)
+        if self.patience is not None:
+            self.stopped = bool(self.stale_updates >= self.patience)
         return loss
 
     def _logit(self, inputs: Tensor) -> Tensor:
