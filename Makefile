@@ -34,7 +34,7 @@ install: $(PACKAGE) ## make the virtual environment and build the package into i
 run: $(PACKAGE) ## train teacher, student and baseline, and compare them (options: ARGS="speed=3 seed=1")
 	$(BIN)/python -m romgrl $(ARGS)
 
-test: $(PACKAGE) ## run the tests, a little of each slow suite among them (6 to 7 minutes on two cores)
+test: $(PACKAGE) ## run the tests, a little of each slow suite among them (8 minutes on two cores)
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadgroup --durations 20 $(ARGS)
 
 test-slow: $(PACKAGE) ## run the tests that train for minutes, but those of test-faults (5 to 8 minutes on two cores)
