@@ -146,8 +146,11 @@ def _keep_actuators(spec: mujoco.MjSpec, body_of: dict[str, str], actuation: str
 
 
 def _drive_by_torque(actuator: mujoco.MjsActuator) -> None:
-    """A control of -1 and 1 is the largest torque; the weaker direction stays within its own."""
+    """A control of -1 and 1 is the largest torque, a motor's at rest; the weaker direction stays within its own."""
     largest = np.abs(actuator.forcerange).max()
+    if actuator.gaintype == mujoco.mjtGain.mjGAIN_DCMOTOR and actuator.gainprm[7] > 0:
+        resistance, constant, voltage = actuator.gainprm[[0, 1, 7]]
+        largest = min(largest, constant / resistance * voltage)
     if not actuator.forcerange[1] > 0:
         raise ConfigurationError(
             f"humanoid.xml: joint {actuator.target}'s actuator has no largest torque; "

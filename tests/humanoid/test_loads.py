@@ -128,7 +128,7 @@ def test_power_of_a_known_torque(speed: float, positive: bool) -> None:
     data.qpos[:], data.qvel[:] = np.split(state[0], 2)
     data.ctrl[:] = action[0]
     mujoco.mj_step(fine, data, nstep=4 * 64)
-    torque = action.max() * np.abs(model.actuator("L_Knee").forcerange).max()
+    torque = action.max() * model.actuator("L_Knee").gainprm[0]
     turned = data.qpos[index] - state[0, index]
     assert np.sign(turned) == np.sign(speed)
     seconds = 4 * model.opt.timestep

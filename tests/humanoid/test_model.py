@@ -128,7 +128,11 @@ def test_servo_torque_stays_human() -> None:
 
 
 def test_torque_actuation() -> None:
-    """An action is a share of the larger end of the range of torques, within that range."""
+    """An action is a share of the larger end of the range of torques, or of a motor's torque at rest."""
+    servo = build()
+    resistance, constant, voltage = servo.actuator_gainprm[:, [0, 1, 7]].T
+    motors = servo.actuator_gaintype == mujoco.mjtGain.mjGAIN_DCMOTOR
+    at_rest = np.where(motors, constant * voltage / resistance, np.inf)
     model = build(actuation="torque")
     data = mujoco.MjData(model)
     data.qpos[3:] = -0.1
@@ -136,7 +140,8 @@ def test_torque_actuation() -> None:
     data.ctrl[:] = controls(model, action)
     mujoco.mj_forward(model, data)
     low, high = model.actuator_forcerange.T
-    assert data.actuator_force == pytest.approx(np.clip(action * np.maximum(-low, high), low, high))
+    largest = np.minimum(np.maximum(-low, high), at_rest)
+    assert data.actuator_force == pytest.approx(np.clip(action * largest, low, high))
     assert data.ctrl == pytest.approx(action)
 
 
