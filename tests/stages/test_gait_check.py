@@ -15,10 +15,9 @@ from romgrl.config.schema import Config
 from romgrl.gait.features import Gait
 from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import student
-from romgrl.stages.rollouts.humanoid import record
 from romgrl.stages.training import gait_check
 from romgrl.stages.training.budget import Budget
-from romgrl.stages.training.gait_check import GaitChecks, adapted, percent, rank, shortcomings
+from romgrl.stages.training.gait_check import GaitChecks, adapted, percent, rank, roll_out, shortcomings
 from romgrl.stages.wiring.humanoid import humanoid_env
 from tests.conftest import Composer
 from tests.helpers.cut_trainings import write_reference
@@ -55,7 +54,7 @@ def checks(
 ) -> GaitChecks:
     """Checks that find one of `rows` after the other."""
     found = iter(rows)
-    monkeypatch.setattr(gait_check, "record", lambda *_, **__: None)
+    monkeypatch.setattr(gait_check, "roll_out", lambda *_: None)
     env: Any = SimpleNamespace(close=lambda: None) if interval else None
     made = GaitChecks(interval, config, env, None, torch.arange(3), output, SilentLog())
     monkeypatch.setattr(made, "measure", lambda _: next(found))
@@ -218,7 +217,7 @@ def test_nothing_after_a_fall_counts_and_the_resets_are_the_same(
     monkeypatch.setattr(gait_check, "STEPS", 60)
     env = humanoid_env(compose_config("experiment=smoke"), num_envs=4, episode_steps=gait_check.STEPS + 1)
     policy: Any = lambda observation: np.zeros((len(observation), 21), np.float32)  # noqa: E731
-    one, other = (record(env, policy, steps=60, seed=3) for _ in range(2))
+    one, other = (roll_out(env, policy, seed=3) for _ in range(2))
     assert one.fallen.tolist() == [not valid.all() for valid in one.valid]
     assert (np.diff(one.valid.astype(int), axis=1) <= 0).all()
     assert 5 < one.valid[one.fallen].sum(axis=1).min() < 60

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from romgrl.gait.features import Gait, until_first_fall
+from romgrl.gait.features import until_first_fall
 from romgrl.humanoid.loads import Loads, replay
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 
@@ -52,17 +52,3 @@ def roll_out(
         **loads.arrays(),
         "states": states[longest, : max(1, int(upright[longest].sum()))],
     }
-
-
-def record(env: PlanarHumanoidVectorEnv, policy: Policy, *, steps: int, seed: int) -> Gait:
-    """One episode of `steps` steps in each environment, without what joints and feet bear."""
-    size = (env.num_envs, steps)
-    features, velocity, lean = np.zeros((*size, 5)), np.zeros(size), np.zeros(size)
-    upright = np.ones(size, np.bool_)
-    observation, _ = env.reset(seed=seed)
-    for step in range(steps):
-        observation, _, terminated, _, info = env.step(policy(observation))
-        features[:, step], velocity[:, step] = info["features"], info["forward_velocity"]
-        lean[:, step], upright[:, step] = info["trunk_lean"], ~terminated
-    valid = until_first_fall(upright)
-    return Gait(features, valid, ~valid[:, -1], env.control_step, velocity=velocity, trunk_lean=lean)

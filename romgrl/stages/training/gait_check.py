@@ -17,11 +17,10 @@ from romgrl.algorithms.rom_grl import RomGrl
 from romgrl.algorithms.sac import SACPolicy
 from romgrl.config.schema import Config
 from romgrl.gait.alignment import error_over_variance
-from romgrl.gait.features import Gait, gait_from_reference
+from romgrl.gait.features import Gait, gait_from_reference, until_first_fall
 from romgrl.gait.metrics import describe
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 from romgrl.runtime.stage_log import StageLog
-from romgrl.stages.rollouts.humanoid import record
 from romgrl.stages.training.budget import Budget
 from romgrl.stages.wiring.artifact_arrays import read_reference
 from romgrl.stages.wiring.humanoid import humanoid_env
@@ -93,7 +92,7 @@ class GaitChecks:
             network = StackedMLP(stack=1, **learner.sac.network)
         network.flat.copy_(learner.sac.average.flat)
         policy = SACPolicy(network, self.columns, *(part.cpu() for part in moments))
-        measured = self.measure(record(self.env, policy, steps=STEPS, seed=self.config.seed + CHECK_SEED))
+        measured = self.measure(roll_out(self.env, policy, self.config.seed + CHECK_SEED))
         row = {"step": float(step), "eta": float(learner.eta)} | {
             name: float(value) for name, value in measured.items()
         }
@@ -195,3 +194,17 @@ def rank(row: Mapping[str, float]) -> tuple[float, ...]:
         return row["falls"], -row["task_reward"]
     error = row["error_over_variance"] * (1 + abs(row["speed_error_percent"]) / SPEED)
     return row["falls"], 1.0 - row["passed"], error if np.isfinite(error) else np.inf, -row["task_reward"]
+
+
+def roll_out(env: PlanarHumanoidVectorEnv, policy: SACPolicy, seed: int) -> Gait:
+    """STEPS steps of a policy in all environments, from the same resets every time."""
+    size = (env.num_envs, STEPS)
+    features, velocity, lean = np.zeros((*size, 5)), np.zeros(size), np.zeros(size)
+    upright = np.ones(size, np.bool_)
+    observation, _ = env.reset(seed=seed)
+    for step in range(STEPS):
+        observation, _, terminated, _, info = env.step(policy(observation))
+        features[:, step], velocity[:, step] = info["features"], info["forward_velocity"]
+        lean[:, step], upright[:, step] = info["trunk_lean"], ~terminated
+    valid = until_first_fall(upright)
+    return Gait(features, valid, ~valid[:, -1], env.control_step, velocity=velocity, trunk_lean=lean)
