@@ -122,6 +122,14 @@ class PPO:
         action = torch.addcmul(mean, noise, self.log_std.exp())
         return action, gaussian_log_probability(noise, self.log_std)
 
+    def mean_policy(self) -> PPOPolicy:
+        """A copy of the policy as it is now, without exploration."""
+        network = StackedMLP(
+            stack=1, inputs=self.policy.sizes[0], outputs=len(self.log_std), linear=True, exact=True, **self.spec
+        )
+        network.flat.copy_(self.policy.flat)
+        return PPOPolicy(network)
+
     def update(self, rollout: Rollout, learning_rate_scale: float = 1.0) -> dict[str, float]:
         """`epochs` passes over one rollout in shuffled minibatches; means of the losses over all gradient steps."""
         for group in self.optimizer.param_groups:

@@ -230,7 +230,6 @@ CHECKS: tuple[tuple[tuple[str, ...], Callable[[Config], Iterator[str]]], ...] = 
     at_most("student.batch_size", "student.buffer_size"),
     at_most("student.learning_starts", "student.total_steps"),
     at_most("evaluation.window", "evaluation.steps"),
-    at_most("reference.warmup_steps", "teacher.episode_steps"),
     at_most("reference.episodes", "reference.steps"),
     (("teacher.num_envs", "teacher.rollout_steps", "teacher.minibatch_size"), rollout),
     (REPLAY, replay_buffer),

@@ -37,6 +37,12 @@ class Teacher:
     max_gradient_norm: float = key("gradients are clipped to this norm", above=0, high=1e9)
     initial_log_std: float = key("log standard deviation of the first policy", low=-20, high=5)
     mirror: bool = key("true: half of each minibatch is left-right mirrored")
+    check_steps: int = key(
+        "environment steps between two checks of the speed that the policy comes to in the long run, over the second "
+        "half of a training; the last one that holds it within 3 % is kept; 0: none, the last one is kept",
+        low=0,
+        high=10**12,
+    )
     pretrained: bool = key("true: nothing is trained; the teacher that ships with the package is taken")
 
 

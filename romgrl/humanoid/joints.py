@@ -64,13 +64,14 @@ class Motor:
 def motor(forward: Strength, backward: Strength, height: float, mass: float) -> Motor:
     """The line fitted to the curves of both directions; forward turns are negative.
 
-    The stronger direction gives the stall torque. Neither ever exceeds ECCENTRIC times its isometric torque.
+    The stronger direction gives the stall torque, and reaches ECCENTRIC times its isometric torque; the weaker one,
+    whose line lies too high, never exceeds its own.
     """
     lines = [np.polyfit(FITTED_SPEEDS, strength.share(FITTED_SPEEDS), 1) for strength in (forward, backward)]
     low, high = (strength.isometric(height, mass) for strength in (forward, backward))
     stall = max(low, high) * max(float(offset) for _, offset in lines)
     no_load = max(float(-offset / slope) for slope, offset in lines)
-    return Motor(stall, no_load, -ECCENTRIC * low, ECCENTRIC * high)
+    return Motor(stall, no_load, -low * (ECCENTRIC if low > high else 1.0), high * (ECCENTRIC if high > low else 1.0))
 
 
 @dataclass(frozen=True)

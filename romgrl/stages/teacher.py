@@ -26,16 +26,18 @@ from romgrl.rom.interface import RomVectorEnv
 from romgrl.runtime.stage_log import StageLog
 from romgrl.stages.rollouts.rom import record
 from romgrl.stages.training.checkpoints import TrainingCheckpoints
+from romgrl.stages.training.speed_check import SpeedChecks
 from romgrl.stages.training.teacher_statistics import TeacherTally
 from romgrl.stages.wiring.rom import rom_env
 from romgrl.stages.wiring.seeds import TEACHER_GAIT_SEED
 from romgrl.stages.wiring.teacher_learner import build_teacher_learner
 
-CHECK_EPISODES, CHECK_STEPS = 100, 300
+CHECK_EPISODES, CHECK_STEPS, STEADY_FROM = 100, 750, 450
+"""The gait of the finished policy is measured where it has become steady; falls count from the reset on."""
 
 
 def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog) -> None:
-    """Train the teacher; write policy.safetensors, curve.csv (through `log`) and gait.csv of the finished policy.
+    """Train the teacher; write policy.safetensors, checks.csv, curve.csv (through `log`) and gait.csv of the policy.
 
     All threads step the physics; in the updates, one half of them has the policy and the other half the values.
     """
@@ -45,7 +47,11 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
     with second_lane(config.threads > 1) as lane:
         ppo = build_teacher_learner(config, env, lane)
         with closing(env):
-            train_teacher(config, env, ppo, log, output, save=lambda: save_ppo_policy(path, ppo, env.observation_names))
+            checks = SpeedChecks.of(config, output, log)
+            train_teacher(
+                config, env, ppo, checks, log, output, save=lambda: save_ppo_policy(path, ppo, env.observation_names)
+            )
+            checks.keep_best(ppo)
     save_ppo_policy(path, ppo, env.observation_names)
     row = describe(check_gait(config, load_ppo_policy(path)), target_speed=config.teacher.speed)
     write_row(output / "gait.csv", {"walker": "teacher", **row})
@@ -74,7 +80,13 @@ class TeacherLoop:
 
 
 def train_teacher(
-    config: Config, env: RomVectorEnv, ppo: PPO, log: StageLog, output: Path, save: Callable[[], None]
+    config: Config,
+    env: RomVectorEnv,
+    ppo: PPO,
+    checks: SpeedChecks,
+    log: StageLog,
+    output: Path,
+    save: Callable[[], None],
 ) -> None:
     """Collect a rollout, update, as often as fits into `total_steps`; DivergenceError if a number is not finite."""
     teacher = config.teacher
@@ -89,7 +101,7 @@ def train_teacher(
     loop = TeacherLoop(env, env.reset(seed=config.seed)[0])
     checkpoints = TrainingCheckpoints(
         output,
-        {"loop": loop, "ppo": ppo, "tally": tally},
+        {"loop": loop, "ppo": ppo, "tally": tally, "checks": checks},
         save_policy=save,
         seconds=config.checkpoint_seconds,
         total=teacher.total_steps,
@@ -107,6 +119,7 @@ def train_teacher(
             require_finite(loss=np.array([losses["policy_loss"], losses["value_loss"], losses["approximate_kl"]]))
             log.metrics(gait | losses, done)
             log.progress(done, teacher.total_steps, speed=gait["speed"], correlation=gait["left_right_correlation"])
+            checks.check_if_due(done, ppo)
             checkpoints.save_if_due(done)
 
 
@@ -129,7 +142,9 @@ def collect(
 def check_gait(config: Config, policy: PPOPolicy) -> Gait:
     """CHECK_EPISODES x CHECK_STEPS of the finished policy, from resets that the training did not see."""
     env = rom_env(config, num_envs=CHECK_EPISODES, episode_steps=CHECK_STEPS + 1)
-    return record(env, policy, steps=CHECK_STEPS, seed=config.seed + TEACHER_GAIT_SEED)
+    gait = record(env, policy, steps=CHECK_STEPS, seed=config.seed + TEACHER_GAIT_SEED)
+    gait.valid[:, :STEADY_FROM] = False
+    return gait
 
 
 def write_row(path: Path, row: Mapping[str, float | str]) -> None:

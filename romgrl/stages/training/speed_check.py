@@ -1,0 +1,108 @@
+"""How fast a teacher is in the long run while it learns: rolled out at intervals without exploration."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import torch
+from torch import Tensor
+
+from romgrl.algorithms.ppo import PPO
+from romgrl.config.schema import Config
+from romgrl.gait.features import Gait
+from romgrl.rom.interface import RomVectorEnv
+from romgrl.runtime.stage_log import StageLog
+from romgrl.stages.rollouts.rom import record
+from romgrl.stages.wiring.rom import rom_env
+from romgrl.stages.wiring.seeds import CHECK_SEED
+
+WORLDS, STEPS, STEADY = 8, 1000, 200
+"""A check is so many episodes of so many steps, of which the last ones give the speed: a teacher that was trained on
+shorter episodes takes up to 25 s from a reset to it."""
+FROM = 0.5
+"""Share of the training from which policies are checked."""
+SPEED = 3.0
+"""A policy holds its speed within so many percent."""
+FILE = "checks.csv"
+
+
+@dataclass
+class SpeedChecks:
+    """Checks of the mean policy every `interval` steps (0: none), over the second half of a training.
+
+    The policy that is kept falls least, then is nearest to the asked speed (within SPEED all are), then is the last.
+    """
+
+    interval: int
+    config: Config
+    env: RomVectorEnv | None
+    output: Path
+    log: StageLog
+    rows: list[dict[str, float]] = field(default_factory=list)
+    best: Tensor | None = None
+    """Weights of the best policy."""
+    due: int = 0
+
+    @classmethod
+    def of(cls, config: Config, output: Path, log: StageLog) -> SpeedChecks:
+        """Those of a configuration."""
+        interval, total = config.teacher.check_steps, config.teacher.total_steps
+        env = rom_env(config, num_envs=WORLDS, episode_steps=STEPS + 1) if interval else None
+        return cls(interval, config, env, output, log, due=round(FROM * total))
+
+    def check_if_due(self, step: int, ppo: PPO) -> None:
+        """Check the policy where `step` has come to the next multiple of the interval."""
+        if self.env is None or step < self.due:
+            return
+        self.due = step + self.interval
+        gait = record(self.env, ppo.mean_policy(), steps=STEPS, seed=self.config.seed + CHECK_SEED)
+        row = {"step": float(step)} | measure(gait, self.config.teacher.speed)
+        self.rows.append(row)
+        if min(self.rows, key=rank) is row:
+            self.best = ppo.policy.flat.clone()
+        pd.DataFrame(self.rows).to_csv(self.output / FILE, index=False)
+
+    def keep_best(self, ppo: PPO) -> None:
+        """Give the policy its best weights."""
+        if self.env is not None:
+            self.env.close()
+        if self.best is None:
+            return
+        ppo.policy.flat.copy_(self.best)
+        row = min(self.rows, key=rank)
+        self.log.message(
+            f"kept the policy of step {row['step']:,.0f}: falls in {row['falls']:.0f} of {WORLDS} episodes, "
+            f"{row['steady_speed_m_per_s']:.2f} m/s in the long run"
+        )
+
+    def state(self) -> dict[str, Any]:
+        """Everything that `restore` needs."""
+        names = list(self.rows[0]) if self.rows else []
+        kept = {} if self.best is None else {"best": self.best}
+        return {"due": self.due, "names": names, "rows": [list(row.values()) for row in self.rows]} | kept
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Go on from a state."""
+        self.due = int(state["due"])
+        self.rows = [dict(zip(state["names"], map(float, row), strict=True)) for row in state["rows"]]
+        self.best = torch.as_tensor(state["best"]) if self.rows else None
+
+
+def measure(gait: Gait, speed: float) -> dict[str, float]:
+    """A row of checks.csv: falls, and the speed of those that still run over the last STEADY steps (nan: none does)."""
+    assert gait.velocity is not None
+    steady = gait.velocity[~gait.fallen, -STEADY:]
+    reached = float(steady.mean()) if steady.size else float("nan")
+    error = 100 * (reached / speed - 1) if speed else float("nan")
+    return {"falls": float(gait.fallen.sum()), "steady_speed_m_per_s": reached, "speed_error_percent": error}
+
+
+def rank(row: Mapping[str, float]) -> tuple[float, float, float]:
+    """Less is better."""
+    error = abs(row["speed_error_percent"])
+    return row["falls"], max(error, SPEED) if np.isfinite(error) else np.inf, -row["step"]
