@@ -1,12 +1,13 @@
 """Human gait as a yardstick: bands of the numbers in gait.csv at walking and running speeds, each with its source.
 
 The data are in human_bands.csv; docs/method.md lists the references. Between two speeds of one gait a band is
-interpolated linearly; at other speeds there is none.
+interpolated linearly; at other speeds there is none. A measure that is known at one speed has one there alone.
 """
 
 from __future__ import annotations
 
 import csv
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -14,6 +15,7 @@ from itertools import groupby, pairwise
 from pathlib import Path
 
 TABLE = Path(__file__).with_suffix(".csv")
+POWER = "positive_power_w_per_kg"
 
 
 @dataclass(frozen=True)
@@ -53,7 +55,8 @@ def bands(speed: float) -> dict[str, Band]:
     """The bands at a speed (m/s) by measure; none outside the speeds of the table and between walking and running."""
     found: dict[str, Band] = {}
     for (_, measure), rows in groupby(sorted(table(), key=_order), key=lambda band: (band.gait, band.measure)):
-        for slower, faster in pairwise(rows):
+        known = list(rows)
+        for slower, faster in pairwise([known[0], *known]):
             if slower.speed <= speed <= faster.speed:
                 found[measure] = _between(slower, faster, speed)
     return found
@@ -62,7 +65,7 @@ def bands(speed: float) -> dict[str, Band]:
 def outside(row: Mapping[str, float], speed: float) -> dict[str, Band]:
     """The bands at a speed that a row of gait.csv leaves; empty where all hold or there are none."""
     values = {**row, "stride_length_m": stride_length(row)}
-    return {name: band for name, band in bands(speed).items() if not band.holds(values[name])}
+    return {name: band for name, band in _told_by(values, speed).items() if not band.holds(values[name])}
 
 
 def stride_length(row: Mapping[str, float]) -> float:
@@ -73,7 +76,7 @@ def stride_length(row: Mapping[str, float]) -> float:
 
 def human_verdict(row: Mapping[str, float], speed: float) -> str:
     """One line: which numbers of a row of gait.csv are human at this speed, and which are not."""
-    known, off = bands(speed), outside(row, speed)
+    known, off = _told_by(row, speed), outside(row, speed)
     if not known:
         return f"no human bands at {speed:g} m/s"
     if not off:
@@ -84,13 +87,19 @@ def human_verdict(row: Mapping[str, float], speed: float) -> str:
     )
 
 
+def _told_by(values: Mapping[str, float], speed: float) -> dict[str, Band]:
+    """The bands at a speed that a row can be held to: a reduced-order model has no joints, and so no power."""
+    powerless = not math.isfinite(values.get(POWER, math.nan))
+    return {name: band for name, band in bands(speed).items() if name != POWER or not powerless}
+
+
 def _order(band: Band) -> tuple[str, str, float]:
     return band.gait, band.measure, band.speed
 
 
 def _between(slower: Band, faster: Band, speed: float) -> Band:
     """Linear in speed; the source is that of the nearer row."""
-    share = (speed - slower.speed) / (faster.speed - slower.speed)
+    share = (speed - slower.speed) / (faster.speed - slower.speed) if faster.speed > slower.speed else 0.0
     low = slower.low + share * (faster.low - slower.low)
     high = slower.high + share * (faster.high - slower.high)
     return Band(slower.gait, speed, slower.measure, low, high, (slower if share < 0.5 else faster).source)

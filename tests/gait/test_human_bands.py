@@ -21,7 +21,7 @@ ROW = {
 @pytest.mark.parametrize("speed", [1.0, 1.4, 2.5, 4.0])
 def test_every_speed_has_every_measure_with_a_source(speed: float) -> None:
     bands = human_bands.bands(speed)
-    assert set(bands) == MEASURES
+    assert set(bands) == MEASURES | ({human_bands.POWER} if speed == 4.0 else set())
     assert all(0 < band.low < band.high and band.source for band in bands.values())
 
 
@@ -73,6 +73,18 @@ def test_a_number_outside_is_named_with_its_band() -> None:
     quick = ROW | {"stride_frequency_hz": 2.16, "duty_factor": math.nan}
     assert set(human_bands.outside(quick, 4.0)) == {"stride_frequency_hz", "stride_length_m", "duty_factor"}
     assert "stride_frequency_hz 2.16 (1.35 to 1.6)" in human_bands.human_verdict(quick, 4.0)
+
+
+def test_a_measure_known_at_one_speed_holds_there_alone() -> None:
+    assert (human_bands.bands(4.0)[human_bands.POWER].low, human_bands.bands(4.0)[human_bands.POWER].high) == (6, 9)
+    assert human_bands.POWER not in human_bands.bands(3.9)
+
+
+def test_power_is_asked_of_walkers_with_joints_only() -> None:
+    assert set(human_bands.outside(ROW | {human_bands.POWER: 20.0}, 4.0)) == {human_bands.POWER}
+    assert human_bands.outside(ROW | {human_bands.POWER: math.nan}, 4.0) == {}
+    assert human_bands.POWER not in human_bands.human_verdict(ROW, 4.0)
+    assert human_bands.POWER in human_bands.human_verdict(ROW | {human_bands.POWER: 8.0}, 4.0)
 
 
 def test_nothing_that_strides_has_no_stride_length() -> None:

@@ -100,6 +100,7 @@ class Recorder:
         patch.setattr(signals, "_once", False)
         patch.setattr(teacher, "CHECK_EPISODES", 2)
         patch.setattr(teacher, "CHECK_STEPS", 60)
+        patch.setattr(teacher, "STEADY_FROM", 0)
         patch.setattr(student, "LOG_INTERVAL", 64)
         patch.setattr(gait_check, "EPISODES", 4)
         patch.setattr(gait_check, "STEPS", 30)

@@ -114,6 +114,7 @@ def test_the_kept_policy_is_the_one_that_was_measured(
         monkeypatch.setattr(speed_check, name, value)
     monkeypatch.setattr(teacher, "CHECK_EPISODES", 2)
     monkeypatch.setattr(teacher, "CHECK_STEPS", 60)
+    monkeypatch.setattr(teacher, "STEADY_FROM", 0)
     config = compose_config(
         "threads=1", "teacher.total_steps=6144", "teacher.rollout_steps=16", "teacher.check_steps=1024"
     )

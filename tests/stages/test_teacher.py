@@ -40,6 +40,7 @@ def _one_thread() -> Iterator[None]:
 def _short_check(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(teacher, "CHECK_EPISODES", 4)
     monkeypatch.setattr(teacher, "CHECK_STEPS", 100)
+    monkeypatch.setattr(teacher, "STEADY_FROM", 0)
 
 
 def train(config: Config, output: Path) -> SilentLog:
