@@ -45,7 +45,7 @@ MEASURES = {
         2,
         swept=True,
         meaning="over all steps from the reset, which starts slower than the target, and so its error; steady speed "
-        "and all numbers of the gait: from 2 s on",
+        "and all numbers of the gait: from 4 s on",
     ),
     "steady_speed_m_per_s": Measure("steady speed", "m/s", 2, swept=True),
     "speed_error_percent": Measure("speed error", "%", 1, "lower", swept=True),

@@ -31,7 +31,7 @@ NO_LOADS = dict.fromkeys(
     ),
     float("nan"),
 )
-SETTLING_TIME = 2.0  # s from reset until a gait is called steady
+SETTLING_TIME = 4.0  # s from reset until a gait is called steady
 
 
 def falls(upright: Bools) -> int:

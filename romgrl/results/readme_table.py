@@ -19,7 +19,7 @@ from romgrl.results.sweep_record import sweeps
 START, END = "<!-- results -->", "<!-- end of results -->"
 GAIT = {
     "falls_percent": ("episodes of 33 s with a fall [%]", 1),
-    "steady_speed_m_per_s": ("speed after 2 s [m/s]", 2),
+    "steady_speed_m_per_s": ("steady speed [m/s]", 2),
     "trunk_lean_deg": ("trunk lean, forward positive [deg]", 0),
     "stride_frequency_hz": ("strides [Hz]", 2),
 }

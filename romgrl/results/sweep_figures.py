@@ -24,7 +24,7 @@ SWEEP_PANELS = {
     "reduction of the weakest channel [%]": {"weakest": "weakest/aligned/reduction_percent"},
     "aligned error, average [m²]": {"student": "average/aligned/student", "baseline": "average/aligned/baseline"},
     "episodes with a fall [%]": {"student": "student/falls_percent", "baseline": "baseline/falls_percent"},
-    "speed after 2 s [m/s]": {"student": "student/steady_speed_m_per_s", "baseline": "baseline/steady_speed_m_per_s"},
+    "steady speed [m/s]": {"student": "student/steady_speed_m_per_s", "baseline": "baseline/steady_speed_m_per_s"},
     "strides [Hz]": {
         "teacher": "teacher/stride_frequency_hz",
         "student": "student/stride_frequency_hz",
@@ -35,7 +35,7 @@ SWEEP_PANELS = {
 }  # of those with numbers the first six are drawn
 TEACHER_PANELS = {
     "episodes with a fall [%]": {"teacher": "teacher/falls_percent"},
-    "speed after 2 s [m/s]": {"teacher": "teacher/steady_speed_m_per_s"},
+    "steady speed [m/s]": {"teacher": "teacher/steady_speed_m_per_s"},
     "strides [Hz]": {"teacher": "teacher/stride_frequency_hz"},
     "duty factor": {"teacher": "teacher/duty_factor"},
     "excursion of the body [m]": {"teacher": "teacher/pelvis_excursion_m"},

@@ -153,7 +153,7 @@ def test_episodes_that_fall_early_are_described_whole() -> None:
     valid = np.arange(300) < np.array([[20], [40]])
     np.testing.assert_array_equal(metrics.steady_steps(valid, DT), valid)
     valid[0] = True
-    assert metrics.steady_steps(valid, DT).sum(axis=1).tolist() == [240, 0]
+    assert metrics.steady_steps(valid, DT).sum(axis=1).tolist() == [180, 0]
 
 
 def test_every_number_has_a_row() -> None:

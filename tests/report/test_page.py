@@ -84,9 +84,9 @@ def test_average_of_equal_strides_is_the_stride() -> None:
     walker = gait(episodes=1)
     average = strides.stride_average(walker)
     assert average is not None
-    assert average.strides == 5  # landings at 80, 100, ..., 180: the first 2 s do not count
+    assert average.strides == 3  # landings at 120, 140, 160, 180: the first half, at most 4 s, does not count
     np.testing.assert_allclose(average.deviation, 0.0, atol=1e-6)
-    np.testing.assert_allclose(average.mean[0], walker.features[0, 80], atol=1e-6)
+    np.testing.assert_allclose(average.mean[0], walker.features[0, 120], atol=1e-6)
 
 
 def test_teacher_is_in_time_with_the_walker() -> None:

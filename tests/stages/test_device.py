@@ -70,7 +70,7 @@ def test_student(meta_config: Config, tmp_path: Path) -> None:
 def test_teacher(meta_config: Config, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     made = []
 
-    def train(config: Config, env: Any, ppo: Any, log: Any, output: Path, **others: Any) -> None:
+    def train(config: Config, env: Any, ppo: Any, *others: Any, **named: Any) -> None:
         made.append(ppo)
         raise KeyboardInterrupt
 
