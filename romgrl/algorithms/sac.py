@@ -93,6 +93,10 @@ class SAC:
         self.actions = slice(observation_size, observation_size + action_size)
         self.updates = 0
 
+    def scale_target_entropy(self, scale: float) -> None:
+        """Let the temperature aim at an entropy of -scale x number of actions from now on."""
+        self.target_entropy = -scale * self.action_size
+
     def act(self, observation: Tensor) -> Tensor:
         """Exploring actions (N, A) for observations (N, columns)."""
         return self.sample(observation, self._noise(1, len(observation))[0], "act").action

@@ -73,6 +73,12 @@ class Student:
     temperature_learning_rate: float = key("Adam learning rate of the temperature", above=0, high=1)
     initial_temperature: float = key("first weight of the entropy", above=0, high=1e6)
     target_entropy_scale: float = key("target entropy = - this x number of actions", above=0, high=1000)
+    final_entropy_scale: float | None = key(
+        "target_entropy_scale moves to this over the middle half of a training, so that what is learned at the end holds "
+        "for the mean action, which is kept; null: it stays",
+        above=0,
+        high=1000,
+    )
     learning_rate_decay: bool = key("true: all learning rates fall linearly to zero over the second half")
     gamma: float = key("discount factor", above=0, high=1)
     tau: float = key("share of the critics copied into their targets at each update", above=0, high=1)

@@ -166,6 +166,15 @@ def test_temperature_falls_while_entropy_is_above_its_target() -> None:
     assert float(sac.log_temperature.exp()) < 0.2
 
 
+def test_temperature_rises_once_the_target_lies_above_the_entropy() -> None:
+    sac, batch = SAC(**{**SETTINGS, "target_entropy_scale": 50.0}), make_batch()
+    sac.scale_target_entropy(-50.0)
+    for _ in range(20):
+        sac.policy_gradient(batch.observation, torch.randn(16, 2))
+        sac.policy_optimizer.step()
+    assert float(sac.log_temperature.exp()) > 0.2
+
+
 def test_targets_follow_by_tau_and_policy_waits() -> None:
     sac, batch = SAC(**SETTINGS), make_batch()
     target, reward = sac.target.flat.clone(), torch.ones(16)

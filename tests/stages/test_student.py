@@ -168,6 +168,27 @@ def test_learning_rates_fall_to_zero_over_the_second_half(
         assert optimizer.param_groups[0]["lr"] == pytest.approx(rate * scales[-1])
 
 
+def test_target_entropy_moves_over_the_middle_half(
+    configuration: Composer, reference: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    targets: list[float] = []
+    update = RomGrl.update
+
+    def remember(learner: RomGrl, count: int) -> dict[str, torch.Tensor]:
+        targets.append(learner.sac.target_entropy)
+        return update(learner, count)
+
+    monkeypatch.setattr(RomGrl, "update", remember)
+    overrides = ("student.target_entropy_scale=0.5", "student.final_entropy_scale=1.5", "student.total_steps=2000")
+    config = configuration(*overrides)
+    student.run(config, {"reference": reference}, tmp_path, SilentLog())
+    assert (targets[0], targets[-1]) == pytest.approx((-0.5 * 21, -1.5 * 21), abs=0.5)
+    shares = [student.entropy_scale(config, share) for share in (0.0, 0.25, 0.5, 0.75, 1.0)]
+    assert shares == [0.5, 0.5, 1.0, 1.5, 1.5]
+    config.student.final_entropy_scale = None
+    assert student.entropy_scale(config, 1.0) == 0.5
+
+
 @pytest.mark.parametrize(("preset", "updates"), [("sac", 6), ("fast_sac", 3)])
 def test_how_often_the_policy_is_updated(
     preset: str, updates: int, configuration: Composer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
