@@ -13,6 +13,7 @@ from torch import Tensor
 
 from romgrl.artifacts import load_tensors
 from romgrl.errors import ArtifactError
+from romgrl.gait.symmetry import Mirror
 
 NETWORK = "network"  # the metadata that holds the sizes, as JSON
 COLUMN_NAMES = "observation_names"  # in there: of the columns that the policy reads
@@ -83,6 +84,17 @@ def check_tensors(path: Path, tensors: Mapping[str, Tensor], needed: Mapping[str
         tensor = tensors[name]
         if tensor.dtype != dtype or tuple(tensor.shape) != shape:
             raise ArtifactError(f"{path}: {name} is {tensor.dtype} {tuple(tensor.shape)}; needed: {dtype} {shape}")
+
+
+def read_mirror(path: Path, tensors: Mapping[str, Tensor], permutation: str, sign: str) -> Mirror:
+    """The mirror that two tensors of a file describe; ArtifactError unless twice the image is the original."""
+    mirror = Mirror(tensors[permutation], tensors[sign])
+    numbers = torch.arange(len(mirror.sign))
+    inside = bool(((mirror.permutation >= 0) & (mirror.permutation < len(numbers))).all())
+    signed = bool((mirror.sign.abs() == 1).all())
+    if not (inside and signed and torch.equal(mirror.image(mirror.image(numbers + 1.0)), numbers + 1.0)):
+        raise ArtifactError(f"{path}: {permutation} and {sign} are no mirror: twice the image is not the original")
+    return mirror
 
 
 def require(path: Path, name: str, found: object, needed: object) -> None:

@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -25,6 +25,7 @@ from romgrl.algorithms.policy_file import (
     NETWORK,
     check_tensors,
     layer_sizes,
+    read_mirror,
     read_policy,
     require_humanoid,
 )
@@ -32,8 +33,11 @@ from romgrl.algorithms.replay_buffer import Batch
 from romgrl.algorithms.second_thread import submit_or_run
 from romgrl.algorithms.tensor_state import optimizer_state, put_all, restore_optimizer
 from romgrl.artifacts import save_tensors
+from romgrl.gait.symmetry import Mirror
 
 Metrics = dict[str, Tensor]
+MIRRORS = tuple(f"mirror_{of}_{part}" for of in ("observation", "action") for part in Mirror._fields)
+"""Tensors of a policy's file that hold its mirrors."""
 
 
 class SAC:
@@ -200,19 +204,43 @@ class SAC:
         return torch.randn((*shape, self.action_size), generator=self.generator, device=self.log_temperature.device)
 
 
+class Mirrors(NamedTuple):
+    """Left and right exchanged in the columns that a policy reads and in its actions."""
+
+    observation: Mirror
+    action: Mirror
+
+
 class SACPolicy:
-    """The mean action of a trained policy: (N, O) float32 -> (N, A) float32 in [-1, 1]."""
+    """The mean action of a trained policy: (N, O) float32 -> (N, A) float32 in [-1, 1].
+
+    With `mirrors` it is the mean of that and of the image of what it does in the mirrored world, so that left and right
+    are treated alike, whatever is left of the difference after a training with mirrored transitions.
+    """
 
     def __init__(
-        self, policy: StackedMLP, columns: Tensor, mean: Tensor, scale: Tensor, *, names: Sequence[str] | None = None
+        self,
+        policy: StackedMLP,
+        columns: Tensor,
+        mean: Tensor,
+        scale: Tensor,
+        *,
+        mirrors: Mirrors | None = None,
+        names: Sequence[str] | None = None,
     ) -> None:
         self.policy, self.columns, self.mean, self.scale, self.names = policy, columns, mean, scale, names
+        self.mirrors = mirrors
 
     def __call__(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
-        inputs = (torch.from_numpy(observation)[:, self.columns] - self.mean) * self.scale
-        head = self.policy.forward(inputs, self.policy.tape(len(inputs)))[0]
-        action: NDArray[np.float32] = torch.tanh(head.chunk(2, -1)[0]).numpy()
-        return action
+        seen = torch.from_numpy(observation)[:, self.columns]
+        if self.mirrors is None:
+            return self._mean_action(seen).numpy()
+        action, mirrored = self._mean_action(torch.cat((seen, self.mirrors.observation.image(seen)))).chunk(2)
+        return (0.5 * (action + self.mirrors.action.image(mirrored))).numpy()
+
+    def _mean_action(self, seen: Tensor) -> Tensor:
+        inputs = (seen - self.mean) * self.scale
+        return torch.tanh(self.policy.forward(inputs, self.policy.tape(len(inputs)))[0].chunk(2, -1)[0])
 
 
 def save_sac_policy(
@@ -223,13 +251,17 @@ def save_sac_policy(
     scale: Tensor,
     humanoid: Mapping[str, str] | None = None,
     names: Sequence[str] | None = None,
+    mirrors: Mirrors | None = None,
 ) -> None:
     """Write the averaged policy with the columns it reads and their normalisation (safetensors).
 
-    `humanoid`: the fingerprint of the model and the words that explain it; `names`: of the columns.
+    `humanoid`: the fingerprint of the model and the words that explain it; `names`: of the columns; `mirrors`: see
+    SACPolicy.
     """
     tensors = {f"policy.{name}": value.cpu().clone() for name, value in sac.average.named_tensors().items()}
     tensors |= {"columns": columns.cpu(), "observation_mean": mean.cpu(), "observation_scale": scale.cpu()}
+    if mirrors is not None:
+        tensors |= dict(zip(MIRRORS, (part for mirror in mirrors for part in mirror), strict=True))
     network = {"algorithm": "sac", "humanoid": humanoid, COLUMN_NAMES: names, **sac.network}
     save_tensors(path, tensors, {NETWORK: json.dumps(network)})
 
@@ -249,9 +281,17 @@ def load_sac_policy(path: Path, humanoid: Mapping[str, str] | None = None) -> SA
     for layer, (inputs, outputs) in enumerate(layer_sizes(network, *sizes)):
         needed[f"policy.weight_{layer}"] = (torch.float32, (1, inputs, outputs))
         needed[f"policy.bias_{layer}"] = (torch.float32, (1, 1, outputs))
+    actions = network["outputs"] // 2
+    mirrored = MIRRORS[0] in tensors
+    if mirrored:
+        sizes_of_mirrors = (network["inputs"], network["inputs"], actions, actions)
+        for name, size in zip(MIRRORS, sizes_of_mirrors, strict=True):
+            needed[name] = (torch.float32 if name.endswith("sign") else torch.int64, (size,))
     check_tensors(path, tensors, needed)
+    pairs = (MIRRORS[:2], MIRRORS[2:])
+    mirrors = Mirrors(*(read_mirror(path, tensors, *pair) for pair in pairs)) if mirrored else None
     policy = StackedMLP(stack=1, **network)
     for name, value in policy.named_tensors().items():
         value.copy_(tensors[f"policy.{name}"])
     moments = tensors["observation_mean"], tensors["observation_scale"]
-    return SACPolicy(policy, tensors["columns"], *moments, names=names)
+    return SACPolicy(policy, tensors["columns"], *moments, mirrors=mirrors, names=names)

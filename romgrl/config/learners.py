@@ -51,7 +51,13 @@ class Student:
     """SAC on the humanoid (paper section 3.3); the baseline is the same with eta = 1 and no discriminator."""
 
     name: str = key("what it is called; not given: as its preset")
-    alpha: float = key("sensitivity of the velocity reward", unit="s/m", low=1e-9, high=1e6)
+    alpha: float | None = key(
+        "sensitivity of the velocity reward; null: 4 over the target speed, so that a relative error counts the same "
+        "at all speeds (1 at 4 m/s, the paper's)",
+        unit="s/m",
+        low=1e-9,
+        high=1e6,
+    )
     total_steps: int = key("environment steps (at most, with minutes)", low=1, high=10**12)
     minutes: float | None = key(
         "wall time of training after which student and baseline each stop, or at total_steps where that is sooner; "
@@ -74,8 +80,8 @@ class Student:
     initial_temperature: float = key("first weight of the entropy", above=0, high=1e6)
     target_entropy_scale: float = key("target entropy = - this x number of actions", above=0, high=1000)
     final_entropy_scale: float | None = key(
-        "target_entropy_scale moves to this over the middle half of a training, so that what is learned at the end holds "
-        "for the mean action, which is kept; null: it stays",
+        "target_entropy_scale moves to this over the middle half of a training, so that what is learned at the end "
+        "holds for the mean action, which is kept; null: it stays",
         above=0,
         high=1000,
     )

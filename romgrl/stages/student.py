@@ -11,7 +11,7 @@ from torch import Tensor
 
 from romgrl.algorithms.divergence import check_physics, require_finite
 from romgrl.algorithms.rom_grl import RomGrl
-from romgrl.algorithms.sac import Metrics, save_sac_policy
+from romgrl.algorithms.sac import Metrics, Mirrors, save_sac_policy
 from romgrl.algorithms.second_thread import second_lane, submit_or_run
 from romgrl.artifacts.checkpoint import State
 from romgrl.config.schema import Config
@@ -72,13 +72,15 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
     with second_lane(beside) as lane:
         learner = build_student_learner(config, env, windows.layout, inputs.get("reference"), lane)
 
-        checks = GaitChecks.of(config, inputs.get("reference"), columns, output, log)
+        mirrors = (
+            Mirrors(env.mirror_observation.tensors(), env.mirror_action.tensors()) if config.student.mirror else None
+        )
+        checks = GaitChecks.of(config, inputs.get("reference"), columns, mirrors, output, log)
 
         def save(moments: tuple[Tensor, Tensor] | None = None) -> None:
             mean_and_scale = moments or learner.normalizer.mean_and_scale()
-            save_sac_policy(
-                output / "policy.safetensors", learner.sac, columns, *mean_and_scale, humanoid, env.observation_names
-            )
+            path = output / "policy.safetensors"
+            save_sac_policy(path, learner.sac, columns, *mean_and_scale, humanoid, env.observation_names, mirrors)
 
         train_student(config, env, windows, learner, checks, log, output, save)
         save(checks.keep_best(learner))

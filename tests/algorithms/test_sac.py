@@ -12,8 +12,10 @@ from scipy import integrate
 from romgrl.algorithms.networks.squashed_gaussian import head_gradient, log_density, sample
 from romgrl.algorithms.networks.stacked_mlp import StackedMLP
 from romgrl.algorithms.replay_buffer import Batch
-from romgrl.algorithms.sac import SAC, load_sac_policy, save_sac_policy
+from romgrl.algorithms.sac import SAC, Mirrors, load_sac_policy, save_sac_policy
 from romgrl.algorithms.second_thread import second_lane
+from romgrl.errors import ArtifactError
+from romgrl.gait.symmetry import Mirror
 from tests.helpers.automatic_gradients import forward_by_autograd
 
 SETTINGS = {
@@ -241,3 +243,36 @@ def test_policy_file_rebuilds_the_averaged_policy(tmp_path: Path) -> None:
     inputs = (torch.from_numpy(observation)[:, [4, 0, 2]] - 1) * 2
     expected = sac.average.forward(inputs, sac.average.tape(2))[0, :, :2].tanh()
     np.testing.assert_array_equal(load_sac_policy(tmp_path / "policy.safetensors")(observation), expected.numpy())
+
+
+MIRRORED = Mirrors(
+    Mirror(torch.tensor([1, 0, 2]), torch.tensor([1.0, 1.0, -1.0])), Mirror(torch.tensor([1, 0]), torch.ones(2))
+)
+
+
+def test_a_mirrored_policy_treats_left_and_right_alike(tmp_path: Path) -> None:
+    """In the mirrored world it does the mirror image, and it is the mean of both sides' halves."""
+    sac, path = SAC(**SETTINGS), tmp_path / "policy.safetensors"
+    columns, mean, scale = torch.tensor([4, 0, 2]), torch.ones(3), torch.full((3,), 2.0)
+    save_sac_policy(path, sac, columns, mean, scale, mirrors=MIRRORED)
+    policy = load_sac_policy(path)
+    world = np.random.default_rng(0).normal(size=(7, 5)).astype(np.float32)
+    image = world.copy()
+    image[:, 4], image[:, 0], image[:, 2] = world[:, 0], world[:, 4], -world[:, 2]
+    np.testing.assert_allclose(policy(image), policy(world)[:, ::-1], atol=1e-6)
+    save_sac_policy(path, sac, columns, mean, scale)
+    one_sided = load_sac_policy(path)
+    assert not np.allclose(one_sided(image), one_sided(world)[:, ::-1], atol=1e-3)
+    np.testing.assert_allclose(policy(world), 0.5 * (one_sided(world) + one_sided(image)[:, ::-1]), atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("permutation", "sign"),
+    [([1, 2, 0], [1, 1, 1]), ([0, 1, 3], [1, 1, 1]), ([0, 1, -1], [1, 1, 1]), ([0, 1, 2], [1, 1, 2])],
+)
+def test_what_is_no_mirror_is_refused(permutation: list[int], sign: list[float], tmp_path: Path) -> None:
+    broken = MIRRORED._replace(observation=Mirror(torch.tensor(permutation), torch.tensor(sign, dtype=torch.float32)))
+    path = tmp_path / "policy.safetensors"
+    save_sac_policy(path, SAC(**SETTINGS), torch.arange(3), torch.zeros(3), torch.ones(3), mirrors=broken)
+    with pytest.raises(ArtifactError, match="mirror_observation_permutation and mirror_observation_sign are no mirror"):
+        load_sac_policy(path)

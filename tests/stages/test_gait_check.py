@@ -56,7 +56,7 @@ def checks(
     found = iter(rows)
     monkeypatch.setattr(gait_check, "roll_out", lambda *_: None)
     env: Any = SimpleNamespace(close=lambda: None) if interval else None
-    made = GaitChecks(interval, config, env, None, torch.arange(3), output, SilentLog())
+    made = GaitChecks(interval, config, env, None, torch.arange(3), None, output, SilentLog())
     monkeypatch.setattr(made, "measure", lambda _: next(found))
     return made
 
@@ -187,12 +187,12 @@ def gait(frequency: float, speed: float = 4.0, episodes: int = 4) -> Gait:
 
 def test_a_row_by_hand(smoke_config: Config, tmp_path: Path) -> None:
     """A student that is slower, and strides more often, than its teacher."""
-    made = GaitChecks(0, smoke_config, None, gait(1.5), torch.arange(3), tmp_path, SilentLog())
+    made = GaitChecks(0, smoke_config, None, gait(1.5), torch.arange(3), None, tmp_path, SilentLog())
     row = made.measure(gait(1.59, speed=3.8))
     assert row["speed_error_percent"] == pytest.approx(-5.0)
     assert row["cadence_error_percent"] == pytest.approx(6.0, abs=0.5)
     assert row["excursion_percent"] == pytest.approx(100.0, abs=3.0)
-    assert row["task_reward"] == pytest.approx(np.exp(-smoke_config.student.alpha * 0.2))
+    assert row["task_reward"] == pytest.approx(np.exp(-0.2))
     assert row["trunk_lean_deg"] == pytest.approx(np.degrees(0.1))
     assert row["error_over_variance"] > 0.05
     assert (row["falls"], row["passed"]) == (0, 0.0)
@@ -256,15 +256,18 @@ def test_the_policy_file_is_the_best_and_a_check_leaves_the_training_as_it_is(
 
 
 def test_the_weight_of_the_task_follows_what_is_wrong() -> None:
-    """More where a student is slow, whatever its cadence; less where only the cadence is wrong; not after falls."""
-    slow, other = {"speed_error_percent": -10.0}, {"cadence_error_percent": 10.0}
-    assert adapted(0.35, GOOD) == 0.35
-    assert adapted(0.35, GOOD | slow) == adapted(0.35, GOOD | slow | other) == pytest.approx(0.385)
-    assert adapted(0.35, GOOD | other) == pytest.approx(0.35 / 1.1)
-    assert adapted(0.35, GOOD | other | {"speed_error_percent": 10.0}) == pytest.approx(0.35 / 1.1)
-    assert adapted(0.35, GOOD | slow | {"falls": 5.0}) == 0.35
+    """More where the speed is wrong alone or with the cadence, less where the cadence is; not after falls."""
+
+    def at(speed: float, cadence: float, **others: float) -> float:
+        return adapted(0.35, GOOD | {"speed_error_percent": speed, "cadence_error_percent": cadence} | others)
+
+    more, less = pytest.approx(0.35 * 1.25), pytest.approx(0.35 / 1.1)
+    assert (at(0.0, 0.0), at(-2.0, 4.0), at(-20.0, -20.0, falls=5.0)) == (0.35, 0.35, 0.35)
+    assert (at(-10.0, -6.0), at(10.0, 12.0), at(4.0, 0.0), at(-8.0, 4.0)) == (more, more, more, more)
+    assert (at(-10.0, 6.0), at(5.0, -8.0), at(2.0, 6.0), at(0.0, -9.0)) == (less, less, less, less)
+    assert at(-60.0, 100.0) == pytest.approx(0.35 * 1.5)
+    slow, other = {"speed_error_percent": -10.0, "cadence_error_percent": -10.0}, {"cadence_error_percent": 10.0}
     assert (adapted(0.79, GOOD | slow), adapted(0.21, GOOD | other)) == (0.8, 0.2)
-    assert adapted(0.4, GOOD | {"speed_error_percent": -60.0}) == pytest.approx(0.6)
 
 
 def test_two_passed_checks_in_a_row_begin_the_second_half(

@@ -14,7 +14,7 @@ from torch import Tensor
 
 from romgrl.algorithms.networks.stacked_mlp import StackedMLP
 from romgrl.algorithms.rom_grl import RomGrl
-from romgrl.algorithms.sac import SACPolicy
+from romgrl.algorithms.sac import Mirrors, SACPolicy
 from romgrl.config.schema import Config
 from romgrl.gait.alignment import error_over_variance
 from romgrl.gait.features import Gait, gait_from_reference, until_first_fall
@@ -23,17 +23,17 @@ from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 from romgrl.runtime.stage_log import StageLog
 from romgrl.stages.training.budget import Budget
 from romgrl.stages.wiring.artifact_arrays import read_reference
-from romgrl.stages.wiring.humanoid import humanoid_env
+from romgrl.stages.wiring.humanoid import humanoid_env, speed_sensitivity
 from romgrl.stages.wiring.seeds import CHECK_SEED
 
 EPISODES, STEPS, LONGEST_WINDOW = 16, 300, 100
 FILE = "checks.csv"
 LEAST_ETA, MOST_ETA, ETA_FACTOR = 0.2, 0.8, 1.1
-STANDING, STANDING_FACTOR = 50.0, 1.5
-ADAPTS_FROM, PASSES = 0.2, 2
-"""Range of the weight that `adapted` sets and its change at a check, that of a student which is so many percent too
-slow that it stands in a pose that pays; the share of all steps that a student has to find its feet before;
-checks in a row after which the gait is the teacher's."""
+STANDING, STANDING_FACTOR, SPEED_FACTOR = 50.0, 1.5, 1.25
+ADAPTS_FROM, PASSES = 0.32, 2
+"""Range of the weight that `adapted` sets; its change at a check where the cadence is wrong, where the walker is so
+many percent too slow that it stands in a pose that pays, and where its speed is wrong; the share of all steps that a
+student has to find its feet before; checks in a row after which the gait is the teacher's."""
 SPEED, CADENCE, LEAN = 3.0, 5.0, 10.0
 """What a student passes with all episodes upright: speed and cadence within so many percent of what is asked and of
 the teacher's, trunk lean within so many degrees of upright."""
@@ -65,6 +65,7 @@ class GaitChecks:
     env: PlanarHumanoidVectorEnv | None
     teacher: Gait | None
     columns: Tensor
+    mirrors: Mirrors | None
     output: Path
     log: StageLog
     rows: list[dict[str, float]] = field(default_factory=list)
@@ -72,13 +73,21 @@ class GaitChecks:
     """Weights of the best policy, mean and scale of its observations; empty before the first check."""
 
     @classmethod
-    def of(cls, config: Config, reference: Path | None, columns: Tensor, output: Path, log: StageLog) -> GaitChecks:
+    def of(
+        cls,
+        config: Config,
+        reference: Path | None,
+        columns: Tensor,
+        mirrors: Mirrors | None,
+        output: Path,
+        log: StageLog,
+    ) -> GaitChecks:
         """Those of a configuration; reference: of a student."""
         interval = config.student.check_steps
         env = humanoid_env(config, num_envs=EPISODES, episode_steps=STEPS + 1) if interval else None
         taught = reference is not None and config.discriminator.enabled
         teacher = gait_from_reference(read_reference(reference, config, steps=2)) if taught and reference else None
-        return cls(interval, config, env, teacher, columns, output, log)
+        return cls(interval, config, env, teacher, columns, mirrors, output, log)
 
     def check_if_due(self, step: int, learner: RomGrl, budget: Budget) -> None:
         """Check the policy where `step` has reached a multiple of the interval that no row has yet, and at the end.
@@ -91,7 +100,7 @@ class GaitChecks:
         with torch.random.fork_rng(devices=[]):  # the weights drawn here are no part of the training
             network = StackedMLP(stack=1, **learner.sac.network)
         network.flat.copy_(learner.sac.average.flat)
-        policy = SACPolicy(network, self.columns, *(part.cpu() for part in moments))
+        policy = SACPolicy(network, self.columns, *(part.cpu() for part in moments), mirrors=self.mirrors)
         measured = self.measure(roll_out(self.env, policy, self.config.seed + CHECK_SEED))
         row = {"step": float(step), "eta": float(learner.eta)} | {
             name: float(value) for name, value in measured.items()
@@ -121,7 +130,7 @@ class GaitChecks:
         assert gait.velocity is not None
         speed = self.config.speed
         row = describe(gait, target_speed=speed)
-        reward = np.exp(-self.config.student.alpha * np.abs(gait.velocity - speed))
+        reward = np.exp(-speed_sensitivity(self.config) * np.abs(gait.velocity - speed))
         kept = ("falls", "steady_speed_m_per_s", "stride_frequency_hz", "pelvis_excursion_m", "trunk_lean_deg")
         measured = {"task_reward": float((reward * gait.valid).mean()), **{name: row[name] for name in kept}}
         measured["speed_error_percent"] = percent(row["steady_speed_m_per_s"], speed) - 100
@@ -171,15 +180,18 @@ class GaitChecks:
 
 
 def adapted(eta: float, row: Mapping[str, float]) -> float:
-    """The weight of the task reward after a check: more of it for a student that is slow, less for one that runs at
-    its speed with another cadence than the teacher's; as it is where the walker falls or passes."""
+    """The weight of the task reward after a check: more of it where the walker stands, or only its speed is wrong, or
+    speed and cadence err to the same side; less of it, and so more imitation, where the cadence is wrong alone or errs
+    to the other side; as it is where it falls or passes."""
     if row["falls"] > EPISODES / 4:
         return eta
-    if row["speed_error_percent"] < -SPEED:
-        return min(MOST_ETA, eta * (STANDING_FACTOR if row["speed_error_percent"] < -STANDING else ETA_FACTOR))
-    if not abs(row["cadence_error_percent"]) <= CADENCE:
-        return max(LEAST_ETA, eta / ETA_FACTOR)
-    return eta
+    speed, cadence = row["speed_error_percent"], row["cadence_error_percent"]
+    if speed < -STANDING:
+        return min(MOST_ETA, eta * STANDING_FACTOR)
+    right_cadence = abs(cadence) <= CADENCE
+    if abs(speed) > SPEED and (right_cadence or speed * cadence > 0):
+        return min(MOST_ETA, eta * SPEED_FACTOR)
+    return eta if right_cadence else max(LEAST_ETA, eta / ETA_FACTOR)
 
 
 def percent(value: float, of: float) -> float:

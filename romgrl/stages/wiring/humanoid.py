@@ -8,6 +8,9 @@ from romgrl.config.schema import Config
 from romgrl.humanoid import model
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 
+SLOWEST = 0.5
+"""Below this target speed, m/s, errors count as they do there: a walker that is to stand may sway."""
+
 
 def humanoid_env(
     config: Config, *, num_envs: int, episode_steps: int | None = None, compact: bool = False, body: Any = None
@@ -22,7 +25,7 @@ def humanoid_env(
         num_envs=num_envs,
         compact=compact,
         speed=config.speed,
-        alpha=config.student.alpha,
+        alpha=speed_sensitivity(config),
         episode_steps=episode_steps or humanoid.episode_steps,
         reset_speed=tuple(humanoid.reset_speed),
         fall_pelvis_height=humanoid.fall_pelvis_height,
@@ -31,3 +34,8 @@ def humanoid_env(
         control_frequency=humanoid.control_frequency,
         num_threads=config.threads,
     )
+
+
+def speed_sensitivity(config: Config) -> float:
+    """Alpha of the velocity reward, s/m; where it is not given, what 1 is at 4 m/s, by the inverse of the speed."""
+    return 4.0 / max(config.speed, SLOWEST) if config.student.alpha is None else config.student.alpha
