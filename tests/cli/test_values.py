@@ -220,7 +220,7 @@ def test_addresses_of_files_are_whole(
 def test_titles_keep_blanks_together(compose_config: Composer) -> None:
     overrides = ["rom.name='my model, the 2nd'", "seed=3"]
     config = compose_config(*overrides)
-    assert job_title("job", config, overrides) == "job v=4 eta=0.35 noise=0.05 s=3 rom.name=my model, the 2nd"
+    assert job_title("job", config, overrides) == "job v=4 eta=0.3 noise=0.05 s=3 rom.name=my model, the 2nd"
 
 
 def test_options_keep_what_they_name(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

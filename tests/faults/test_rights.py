@@ -71,7 +71,7 @@ def test_finished_results_of_another_are_read(fakes: None, smoke_config: Config,
     for text in ("evaluation: reused", f"artifact: {outputs}/artifacts/evaluation/", "average"):
         assert text in told.stdout
     assert "compare runs" not in told.stdout
-    other = reader(*ARGUMENTS, "tracking=none", "eta=0.3")
+    other = reader(*ARGUMENTS, "tracking=none", "eta=0.4")
     place = f"{outputs}/artifacts/student"
     assert (other.returncode, other.stderr.splitlines()) == (2, [refusal(place, "student is to be made")])
     assert trainings(outputs) == made

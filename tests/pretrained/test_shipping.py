@@ -73,8 +73,8 @@ BAD_SETTINGS = {
 
 
 def test_the_command_says_why_nothing_fits(outputs: Path, shipped: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main([str(outputs), "experiment=smoke", "eta=0.3"]) == 3
-    assert "eta 0.35 instead of 0.3" in capsys.readouterr().err
+    assert main([str(outputs), "experiment=smoke", "eta=0.4"]) == 3
+    assert "eta 0.3 instead of 0.4" in capsys.readouterr().err
     assert main([str(outputs), "experiment=smok"]) == 2
     assert main([str(outputs), "speed=fast"]) == 2
     assert "speed: fast is not allowed" in capsys.readouterr().err

@@ -87,7 +87,7 @@ def test_few_seeds_short_episodes_and_what_would_help(verify: Composer, tmp_path
 
 def test_only_the_settings_that_were_asked_for(verify: Composer, tmp_path: Path) -> None:
     mine = [finish(tmp_path, verify(f"seed={seed}")) for seed in range(3)]
-    other = finish(tmp_path, verify("seed=0", "eta=0.3", "student.gamma=0.9"), student=0.09)
+    other = finish(tmp_path, verify("seed=0", "eta=0.4", "student.gamma=0.9"), student=0.09)
     old = finish(tmp_path, verify("seed=1"), student=0.09, revision="b" * 40)
     again = finish(tmp_path, verify("seed=1"), revision="c" * 40)
     damaged = finish(tmp_path, verify("seed=4"))
@@ -95,11 +95,11 @@ def test_only_the_settings_that_were_asked_for(verify: Composer, tmp_path: Path)
     selection = select(tmp_path, verify())
     assert [each.directory for each in selection.used] == [mine[0], again, mine[2]]
     assert selection.seeds == [0, 1, 2]
-    assert selection.left_out[other] == "student.gamma 0.9 instead of 0.98, eta 0.3 instead of 0.35"
+    assert selection.left_out[other] == "student.gamma 0.9 instead of 0.98, eta 0.4 instead of 0.3"
     assert "newer one of seed 1" in selection.left_out[old]
     assert "SHA-256" in selection.left_out[damaged]
     text = printed(verify())
-    assert f"left out: {other.name}: student.gamma 0.9 instead of 0.98, eta 0.3 instead of 0.35" in text
+    assert f"left out: {other.name}: student.gamma 0.9 instead of 0.98, eta 0.4 instead of 0.3" in text
     assert "warning: 2 versions of code" in text
 
 
@@ -142,7 +142,7 @@ def test_a_speed_without_claims_has_its_tables(verify: Composer, tmp_path: Path)
 def test_nothing_finished_is_one_line_with_the_command(verify: Composer, tmp_path: Path) -> None:
     with pytest.raises(ArtifactError, match="no finished evaluation of this configuration; python -m romgrl -m seed=0"):
         run(verify())
-    finish(tmp_path, verify("eta=0.3"))
+    finish(tmp_path, verify("eta=0.4"))
     with pytest.raises(ArtifactError) as raised:
         run(verify("speed=1"), overrides=["stage=verify", "speed=1"])
     assert raised.value.exit_code == 3

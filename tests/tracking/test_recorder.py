@@ -42,8 +42,8 @@ def test_one_run_per_stage_under_one_job(smoke_config: Config) -> None:
     runs = {run.data.tags["stage"]: run for run in all_runs(outputs)}
     assert set(runs) == {"job", *STAGES}
     job, student = runs["job"], runs["student"]
-    assert job.info.run_name == "mine v=4 eta=0.35 noise=0.05 s=0"
-    assert student.info.run_name == "student v=4 eta=0.35 noise=0.05 s=0"
+    assert job.info.run_name == "mine v=4 eta=0.3 noise=0.05 s=0"
+    assert student.info.run_name == "student v=4 eta=0.3 noise=0.05 s=0"
     assert runs["baseline"].info.run_name == "baseline v=4 s=0"
     assert f"- [reference](#/runs/{runs['reference'].info.run_id})" in student.data.tags[NOTE]
     assert f"| [student](#/runs/{student.info.run_id}) | made | 0:0" in job.data.tags[NOTE]
@@ -53,7 +53,7 @@ def test_one_run_per_stage_under_one_job(smoke_config: Config) -> None:
     assert student.data.tags["upstream"] == f"reference={finished['reference'].name}"
     assert job.data.tags["romgrl.run.student"] == student.info.run_id
     assert student.data.params["student.gamma"] == str(smoke_config.student.gamma)
-    assert student.data.params["eta"] == "0.35"
+    assert student.data.params["eta"] == "0.3"
     assert job.data.params["teacher.speed"] == "4.0"
     numbers = {
         f"average/raw/{name}": value for name, value in (("baseline", 2), ("student", 1), ("reduction_percent", 50))
