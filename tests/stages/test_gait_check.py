@@ -265,6 +265,7 @@ def test_the_weight_of_the_task_follows_what_is_wrong() -> None:
     assert (at(0.0, 0.0), at(-2.0, 4.0), at(-20.0, -20.0, falls=5.0)) == (0.35, 0.35, 0.35)
     assert (at(-10.0, -6.0), at(10.0, 12.0), at(4.0, 0.0), at(-8.0, 4.0)) == (more, more, more, more)
     assert (at(-10.0, 6.0), at(5.0, -8.0), at(2.0, 6.0), at(0.0, -9.0)) == (less, less, less, less)
+    assert (at(14.0, 38.0), at(-10.0, -16.0)) == (less, less)
     assert at(-60.0, 100.0) == pytest.approx(0.35 * 1.5)
     slow, other = {"speed_error_percent": -10.0, "cadence_error_percent": -10.0}, {"cadence_error_percent": 10.0}
     assert (adapted(0.79, GOOD | slow), adapted(0.21, GOOD | other)) == (0.8, 0.2)

@@ -29,11 +29,12 @@ from romgrl.stages.wiring.seeds import CHECK_SEED
 EPISODES, STEPS, LONGEST_WINDOW = 16, 300, 100
 FILE = "checks.csv"
 LEAST_ETA, MOST_ETA, ETA_FACTOR = 0.2, 0.8, 1.1
-STANDING, STANDING_FACTOR, SPEED_FACTOR = 50.0, 1.5, 1.25
+STANDING, STANDING_FACTOR, SPEED_FACTOR, FOLLOWS = 50.0, 1.5, 1.25, 1.5
 ADAPTS_FROM, PASSES = 0.32, 2
 """Range of the weight that `adapted` sets; its change at a check where the cadence is wrong, where the walker is so
-many percent too slow that it stands in a pose that pays, and where its speed is wrong; the share of all steps that a
-student has to find its feet before; checks in a row after which the gait is the teacher's."""
+many percent too slow that it stands in a pose that pays, and where its speed is wrong; how many times the error of the
+speed that of a cadence may be which follows from it; the share of all steps that a student has to find its feet before;
+checks in a row after which the gait is the teacher's."""
 SPEED, CADENCE, LEAN = 3.0, 5.0, 10.0
 """What a student passes with all episodes upright: speed and cadence within so many percent of what is asked and of
 the teacher's, trunk lean within so many degrees of upright."""
@@ -180,16 +181,17 @@ class GaitChecks:
 
 
 def adapted(eta: float, row: Mapping[str, float]) -> float:
-    """The weight of the task reward after a check: more of it where the walker stands, or only its speed is wrong, or
-    speed and cadence err to the same side; less of it, and so more imitation, where the cadence is wrong alone or errs
-    to the other side; as it is where it falls or passes."""
+    """The weight of the task reward after a check: more of it where the walker stands, or its speed is wrong and the
+    cadence right or wrong with it; less of it, and so more imitation, where the cadence is wrong alone, more, or to the
+    other side; as it is where it falls or passes."""
     if row["falls"] > EPISODES / 4:
         return eta
     speed, cadence = row["speed_error_percent"], row["cadence_error_percent"]
     if speed < -STANDING:
         return min(MOST_ETA, eta * STANDING_FACTOR)
     right_cadence = abs(cadence) <= CADENCE
-    if abs(speed) > SPEED and (right_cadence or speed * cadence > 0):
+    follows = speed * cadence > 0 and abs(cadence) <= FOLLOWS * abs(speed)
+    if abs(speed) > SPEED and (right_cadence or follows):
         return min(MOST_ETA, eta * SPEED_FACTOR)
     return eta if right_cadence else max(LEAST_ETA, eta / ETA_FACTOR)
 
