@@ -92,7 +92,7 @@ def test_one_stage_runs_with_what_it_needs(quiet: Config) -> None:
 @pytest.mark.usefixtures("fakes")
 def test_baseline_has_no_imitation(quiet: Config) -> None:
     run(replace(quiet, stage="evaluation", eta=0.4))
-    assert {"baseline 4.0 1.0 0", "student 4.0 0.3 0"} <= set(trainings(Path(quiet.paths.outputs)))
+    assert {"baseline 4.0 1.0 0", "student 4.0 0.4 0"} <= set(trainings(Path(quiet.paths.outputs)))
 
 
 @pytest.mark.usefixtures("fakes")
