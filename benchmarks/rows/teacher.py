@@ -50,7 +50,7 @@ def training_rate(config: Config) -> float:
 
 def comparable(options: Options, *overrides: str) -> Config:
     """The default teacher without mirrored batches, which the peers do not have, and as many rollouts as are timed."""
-    config = configuration("teacher.mirror=false", *overrides, threads=options.threads)
+    config = configuration("teacher.mirror=false", "teacher.check_steps=0", *overrides, threads=options.threads)
     rollouts = 1 + max(3, options.scaled(ROLLOUTS))
     config.teacher.total_steps = rollouts * config.teacher.num_envs * config.teacher.rollout_steps
     return config
