@@ -76,7 +76,7 @@ else:
     import gymnasium as gym
 
 
-class Stopwatch(gym.Env):  # type: ignore[misc, unused-ignore]
+class Stopwatch(gym.Env):  # type: ignore[misc, unused-ignore]  # gym, of old scripts, has no types
     """An environment of the humanoid's sizes whose observations are random and whose episodes do not end."""
 
     observation_space = gym.spaces.Box(-np.inf, np.inf, (settings["observation"],), np.float32)

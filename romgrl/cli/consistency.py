@@ -10,7 +10,7 @@ from collections.abc import Callable, Collection, Iterator
 from itertools import pairwise
 
 from romgrl.cli.locations import is_file, is_readable, outputs_directory, tracking_store
-from romgrl.config.learners import CRITICS
+from romgrl.config.learners import CRITICS, LONG_RUN
 from romgrl.config.schema import Config
 from romgrl.config.values import bad_value, fits, keys_of, refusal, schema_keys, show, suggestion, value_of
 from romgrl.config.worlds import SKELETONS
@@ -59,6 +59,12 @@ def at_most(key: str, bound: str) -> tuple[tuple[str, str], Callable[[Config], I
             yield refusal(key, value_of(config, key), f"at most {bound} = {value_of(config, bound)}")
 
     return (key, bound), check
+
+
+def warmup(config: Config) -> Iterator[str]:
+    """A reference begins while the teacher is watched: nobody has seen what it does later."""
+    if config.reference.warmup_steps > LONG_RUN:
+        yield refusal("reference.warmup_steps", config.reference.warmup_steps, f"at most {LONG_RUN}")
 
 
 def rollout(config: Config) -> Iterator[str]:
@@ -230,6 +236,7 @@ CHECKS: tuple[tuple[tuple[str, ...], Callable[[Config], Iterator[str]]], ...] = 
     at_most("student.batch_size", "student.buffer_size"),
     at_most("student.learning_starts", "student.total_steps"),
     at_most("evaluation.window", "evaluation.steps"),
+    (("reference.warmup_steps",), warmup),
     at_most("reference.episodes", "reference.steps"),
     (("teacher.num_envs", "teacher.rollout_steps", "teacher.minibatch_size"), rollout),
     (REPLAY, replay_buffer),

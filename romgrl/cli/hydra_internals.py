@@ -40,12 +40,12 @@ SEARCH_TARGET = "hydra_plugins.romgrl.OptunaSweeper"
 
 def use_loader(loader: type[ConfigLoaderImpl]) -> None:
     """Have Hydra load every configuration through a class; it offers no other way in."""
-    engine.ConfigLoaderImpl = loader  # type: ignore[attr-defined]
+    engine.ConfigLoaderImpl = loader  # type: ignore[attr-defined]  # imported there, not exported
 
 
 def use_callbacks(callbacks: type[Callbacks]) -> None:
     """Have Hydra call its callbacks through a class."""
-    engine.Callbacks = callbacks  # type: ignore[attr-defined]
+    engine.Callbacks = callbacks  # type: ignore[attr-defined]  # imported there, not exported
 
 
 def use_file_source(source: type[FileConfigSource]) -> None:
@@ -61,7 +61,7 @@ def use_sweeper(sweeper: type[Sweeper]) -> None:
 
 def validate_no_batch() -> None:
     """Have sweepers not compose every job before they launch the first: each was composed and checked before."""
-    Sweeper.validate_batch_is_legal = leave_batch  # type: ignore[assignment, method-assign]
+    Sweeper.validate_batch_is_legal = leave_batch  # type: ignore[assignment, method-assign]  # no option says so
 
 
 def leave_batch(sweeper: Sweeper, batch: Sequence[Sequence[str]]) -> None:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from romgrl.config.fields import key
 
+LONG_RUN = 1_000  # control steps over which a teacher is watched: 33 s, after which runs are steady
 LABELLED, CRITICS = ("bce", "least_squares"), ("wasserstein",)  # losses; only a penalty bounds a critic
 
 

@@ -89,8 +89,8 @@ def human_verdict(row: Mapping[str, float], speed: float) -> str:
 
 def _told_by(values: Mapping[str, float], speed: float) -> dict[str, Band]:
     """The bands at a speed that a row can be held to: a reduced-order model has no joints, and so no power."""
-    powerless = not math.isfinite(values.get(POWER, math.nan))
-    return {name: band for name, band in bands(speed).items() if name != POWER or not powerless}
+    powered = math.isfinite(values.get(POWER, math.nan))
+    return {name: band for name, band in bands(speed).items() if name != POWER or powered}
 
 
 def _order(band: Band) -> tuple[str, str, float]:

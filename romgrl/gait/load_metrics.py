@@ -19,18 +19,32 @@ SHORTEST_STANCE = 0.05
 """A contact that lasts less, s, is a foot that scuffs in its swing: stances take 0.15 s and more."""
 
 
-def describe_loads(loads: GaitLoads, valid: Bools, dt: float, mass: float | None) -> dict[str, float]:
-    """Rows of gait.csv. mass: of the walker, kg."""
-    touching, loaded = ((flags & valid[..., None, None]) for flags in (loads.touching, loads.loaded))
+LOAD_MEASURES = (
+    "positive_power_w_per_kg",
+    "stop_torque_share",
+    "ankle_stop_percent",
+    "contact_bouts",
+    "sliding_percent",
+    "step_time_asymmetry_percent",
+)
+"""Columns of gait.csv."""
+
+
+def describe_loads(loads: GaitLoads | None, valid: Bools, dt: float, mass: float | None) -> dict[str, float]:
+    """LOAD_MEASURES, nan where no loads were recorded. mass: of the walker, kg."""
     nan = float("nan")
-    return {
-        "positive_power_w_per_kg": nan if mass is None else _mean(loads.positive_power[valid]) / mass,
-        "stop_torque_share": float(loads.stop_share[valid].max()) if valid.any() else nan,
-        "ankle_stop_percent": 100 * _mean(loads.ankle_stop[touching]),
-        "contact_bouts": contact_bouts(touching, valid, dt),
-        "sliding_percent": 100 * _mean(loads.sliding[loaded]),
-        "step_time_asymmetry_percent": 100 * step_time_asymmetry(touching, valid, dt),
-    }
+    if loads is None:
+        return dict.fromkeys(LOAD_MEASURES, nan)
+    touching, loaded = ((flags & valid[..., None, None]) for flags in (loads.touching, loads.loaded))
+    values = (
+        nan if mass is None else _mean(loads.positive_power[valid]) / mass,
+        float(loads.stop_share[valid].max()) if valid.any() else nan,
+        100 * _mean(loads.ankle_stop[touching]),
+        contact_bouts(touching, valid, dt),
+        100 * _mean(loads.sliding[loaded]),
+        100 * step_time_asymmetry(touching, valid, dt),
+    )
+    return dict(zip(LOAD_MEASURES, values, strict=True))
 
 
 def contact_bouts(touching: Bools, valid: Bools, dt: float) -> float:

@@ -20,17 +20,6 @@ from romgrl.gait.periodicity import concordance, frequency, lag
 Scalar = TypeVar("Scalar", bound=np.generic)
 
 GRAVITY = 9.81
-NO_LOADS = dict.fromkeys(
-    (
-        "positive_power_w_per_kg",
-        "stop_torque_share",
-        "ankle_stop_percent",
-        "contact_bouts",
-        "sliding_percent",
-        "step_time_asymmetry_percent",
-    ),
-    float("nan"),
-)
 SETTLING_TIME = 4.0  # s from reset until a gait is called steady
 
 
@@ -230,7 +219,7 @@ def describe(gait: Gait, *, target_speed: float, mass: float | None = None) -> d
         "trunk_lean_deg": nan if gait.trunk_lean is None else trunk_lean_degrees(gait.trunk_lean, valid),
         "cost_of_transport": cost,
     }
-    return row | (describe_loads(gait.loads, valid, dt, mass) if gait.loads is not None else NO_LOADS)
+    return row | describe_loads(gait.loads, valid, dt, mass)
 
 
 def _episodes(values: NDArray[Scalar], valid: Bools | None) -> Iterator[NDArray[Scalar]]:

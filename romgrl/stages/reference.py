@@ -12,9 +12,9 @@ from romgrl.artifacts import save_arrays
 from romgrl.config.schema import Config
 from romgrl.errors import ArtifactError
 from romgrl.gait.features import CHANNELS, Gait
+from romgrl.gait.recording import record
 from romgrl.gait.reference_check import check_reference
 from romgrl.runtime.stage_log import StageLog
-from romgrl.stages.rollouts.rom import record
 from romgrl.stages.wiring.rom import rom_env
 from romgrl.stages.wiring.seeds import REFERENCE_SEED
 from romgrl.stages.wiring.teacher_policy import read_teacher
@@ -30,7 +30,7 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
     steps = reference.warmup_steps + kept
     env = rom_env(config, num_envs=reference.episodes, episode_steps=steps + 1)
     policy = read_teacher(inputs["teacher"], config, env)
-    gait = record(env, policy, steps=steps, seed=config.seed + REFERENCE_SEED)
+    gait = record(env, policy, steps=steps, seed=config.seed + REFERENCE_SEED, dt=env.dt)
     env.close()
     gait.valid[:, : reference.warmup_steps] = False
     try:

@@ -22,18 +22,17 @@ from romgrl.config.schema import Config
 from romgrl.gait import human_bands
 from romgrl.gait.features import Gait
 from romgrl.gait.metrics import describe
+from romgrl.gait.recording import record
 from romgrl.rom.interface import RomVectorEnv
 from romgrl.runtime.stage_log import StageLog
-from romgrl.stages.rollouts.rom import record
 from romgrl.stages.training.checkpoints import TrainingCheckpoints
-from romgrl.stages.training.speed_check import SpeedChecks
+from romgrl.stages.training.speed_check import STEADY, STEPS, SpeedChecks
 from romgrl.stages.training.teacher_statistics import TeacherTally
 from romgrl.stages.wiring.rom import rom_env
 from romgrl.stages.wiring.seeds import TEACHER_GAIT_SEED
 from romgrl.stages.wiring.teacher_learner import build_teacher_learner
 
-CHECK_EPISODES, CHECK_STEPS, STEADY_FROM = 100, 750, 450
-"""The gait of the finished policy is measured where it has become steady; falls count from the reset on."""
+CHECK_EPISODES = 100
 
 
 def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog) -> None:
@@ -140,10 +139,13 @@ def collect(
 
 
 def check_gait(config: Config, policy: PPOPolicy) -> Gait:
-    """CHECK_EPISODES x CHECK_STEPS of the finished policy, from resets that the training did not see."""
-    env = rom_env(config, num_envs=CHECK_EPISODES, episode_steps=CHECK_STEPS + 1)
-    gait = record(env, policy, steps=CHECK_STEPS, seed=config.seed + TEACHER_GAIT_SEED)
-    gait.valid[:, :STEADY_FROM] = False
+    """CHECK_EPISODES of the finished policy, from resets that the training did not see.
+
+    Falls count from the reset on, the gait over the steps that a check of the speed counts.
+    """
+    env = rom_env(config, num_envs=CHECK_EPISODES, episode_steps=STEPS + 1)
+    gait = record(env, policy, steps=STEPS, seed=config.seed + TEACHER_GAIT_SEED, dt=env.dt)
+    gait.valid[:, :-STEADY] = False
     return gait
 
 

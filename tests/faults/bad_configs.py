@@ -237,6 +237,7 @@ MISFITS = (
     ("student.learning_starts", "student.learning_starts=0"),
     ("student.learning_starts", "student.learning_starts=230001"),
     ("student.buffer_size", "student.buffer_size=100 student.batch_size=64 student.learning_starts=64"),
+    ("reference.warmup_steps", "reference.warmup_steps=1001"),
     ("reference.episodes", "reference.episodes=2001"),
     ("teacher.minibatch_size", "teacher.minibatch_size=99999"),
     ("teacher.pretrained", "student.pretrained=true"),

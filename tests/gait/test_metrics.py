@@ -3,6 +3,7 @@ import pytest
 
 from romgrl.gait import human_bands, metrics
 from romgrl.gait.features import Gait, GaitLoads
+from romgrl.gait.load_metrics import LOAD_MEASURES
 from romgrl.gait.measures import MEASURES
 from tests.helpers.synthetic_gait import DT, run
 
@@ -131,7 +132,7 @@ def test_describe_names_every_column_with_its_unit() -> None:
     assert all(np.isfinite(value) for value in row.values())
     bare = metrics.describe(Gait(features, ones > 0, np.zeros(8, bool), DT), target_speed=4.0)
     assert np.isnan(bare["mean_speed_m_per_s"])
-    assert np.isnan([bare[name] for name in metrics.NO_LOADS]).all()
+    assert np.isnan([bare[name] for name in LOAD_MEASURES]).all()
     assert np.isfinite(bare["stride_frequency_hz"])
     assert bare.keys() == row.keys()
 

@@ -156,7 +156,7 @@ EDITED = {
     "stages/wiring/artifact_arrays.py": TRAINED | {"evaluation", "report", "robustness"},
     "stages/training/gait_check.py": TRAINED,
     "stages/training/student_statistics.py": TRAINED,
-    "stages/rollouts/rom.py": ROM_LEARNED,
+    "gait/recording.py": ROM_LEARNED | TRAINED | {"evaluation"},
     "stages/rollouts/humanoid.py": {"evaluation"},
     "stages/rollouts/disturbed.py": {"robustness"},
     "report/figures.py": {"report"},

@@ -13,11 +13,12 @@ import torch
 from romgrl.algorithms.sac import load_sac_policy
 from romgrl.config.schema import Config
 from romgrl.gait.features import Gait
+from romgrl.gait.recording import record
 from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import student
 from romgrl.stages.training import gait_check
 from romgrl.stages.training.budget import Budget
-from romgrl.stages.training.gait_check import GaitChecks, adapted, percent, rank, roll_out, shortcomings
+from romgrl.stages.training.gait_check import GaitChecks, adapted, percent, rank, shortcomings
 from romgrl.stages.wiring.humanoid import humanoid_env
 from tests.conftest import Composer
 from tests.helpers.cut_trainings import write_reference
@@ -54,8 +55,8 @@ def checks(
 ) -> GaitChecks:
     """Checks that find one of `rows` after the other."""
     found = iter(rows)
-    monkeypatch.setattr(gait_check, "roll_out", lambda *_: None)
-    env: Any = SimpleNamespace(close=lambda: None) if interval else None
+    monkeypatch.setattr(gait_check, "record", lambda *_, **__: None)
+    env: Any = SimpleNamespace(close=lambda: None, control_step=DT) if interval else None
     made = GaitChecks(interval, config, env, None, torch.arange(3), None, output, SilentLog())
     monkeypatch.setattr(made, "measure", lambda _: next(found))
     return made
@@ -210,14 +211,11 @@ def test_percent() -> None:
     assert np.isnan(percent(1.0, 0.0))
 
 
-def test_nothing_after_a_fall_counts_and_the_resets_are_the_same(
-    compose_config: Composer, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_nothing_after_a_fall_counts_and_the_resets_are_the_same(compose_config: Composer) -> None:
     """With targets that do not move, most fall."""
-    monkeypatch.setattr(gait_check, "STEPS", 60)
-    env = humanoid_env(compose_config("experiment=smoke"), num_envs=4, episode_steps=gait_check.STEPS + 1)
+    env = humanoid_env(compose_config("experiment=smoke"), num_envs=4, episode_steps=61)
     policy: Any = lambda observation: np.zeros((len(observation), 21), np.float32)  # noqa: E731
-    one, other = (roll_out(env, policy, seed=3) for _ in range(2))
+    one, other = (record(env, policy, steps=60, seed=3, dt=env.control_step) for _ in range(2))
     assert one.fallen.tolist() == [not valid.all() for valid in one.valid]
     assert (np.diff(one.valid.astype(int), axis=1) <= 0).all()
     assert 5 < one.valid[one.fallen].sum(axis=1).min() < 60

@@ -12,6 +12,7 @@ import torch
 from romgrl.algorithms.ppo import load_ppo_policy
 from romgrl.config.schema import Config
 from romgrl.gait.features import Gait
+from romgrl.gait.recording import record
 from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import teacher
 from romgrl.stages.training import speed_check
@@ -70,7 +71,7 @@ def checks(config: Config, output: Path, errors: list[float], monkeypatch: pytes
         "measure",
         lambda *_: {"falls": 0.0, "steady_speed_m_per_s": 4.0, "speed_error_percent": next(found)},
     )
-    env: Any = SimpleNamespace(close=lambda: None)
+    env: Any = SimpleNamespace(close=lambda: None, dt=1 / 30)
     return SpeedChecks(100, config, env, output, SilentLog(), due=500)
 
 
@@ -113,8 +114,8 @@ def test_the_kept_policy_is_the_one_that_was_measured(
     for name, value in {"WORLDS": 2, "STEPS": 60, "STEADY": 5}.items():
         monkeypatch.setattr(speed_check, name, value)
     monkeypatch.setattr(teacher, "CHECK_EPISODES", 2)
-    monkeypatch.setattr(teacher, "CHECK_STEPS", 60)
-    monkeypatch.setattr(teacher, "STEADY_FROM", 0)
+    monkeypatch.setattr(teacher, "STEPS", 60)
+    monkeypatch.setattr(teacher, "STEADY", 60)
     config = compose_config(
         "threads=1", "teacher.total_steps=6144", "teacher.rollout_steps=16", "teacher.check_steps=1024"
     )
@@ -123,7 +124,7 @@ def test_the_kept_policy_is_the_one_that_was_measured(
     assert [found["step"] for found in rows] == [3072, 4096, 5120, 6144]
     env = rom_env(config, num_envs=2, episode_steps=61)
     policy = load_ppo_policy(tmp_path / "policy.safetensors")
-    gait = speed_check.record(env, policy, steps=60, seed=config.seed + speed_check.CHECK_SEED)
+    gait = record(env, policy, steps=60, seed=config.seed + speed_check.CHECK_SEED, dt=env.dt)
     best = min(rows, key=rank)
     assert measure(gait, 4.0)["falls"] == best["falls"]
     assert measure(gait, 4.0)["steady_speed_m_per_s"] == pytest.approx(best["steady_speed_m_per_s"], nan_ok=True)

@@ -39,8 +39,8 @@ def _one_thread() -> Iterator[None]:
 @pytest.fixture
 def _short_check(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(teacher, "CHECK_EPISODES", 4)
-    monkeypatch.setattr(teacher, "CHECK_STEPS", 100)
-    monkeypatch.setattr(teacher, "STEADY_FROM", 0)
+    monkeypatch.setattr(teacher, "STEPS", 100)
+    monkeypatch.setattr(teacher, "STEADY", 100)
 
 
 def train(config: Config, output: Path) -> SilentLog:

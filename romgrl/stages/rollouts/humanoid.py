@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from romgrl.gait.features import until_first_fall
+from romgrl.gait.recording import Policy
 from romgrl.humanoid.loads import Loads, replay
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
-
-Policy = Callable[[NDArray[np.float32]], NDArray[np.float32]]
 
 
 def roll_out(

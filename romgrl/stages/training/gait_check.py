@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +18,9 @@ from romgrl.algorithms.rom_grl import RomGrl
 from romgrl.algorithms.sac import Mirrors, SACPolicy
 from romgrl.config.schema import Config
 from romgrl.gait.alignment import error_over_variance
-from romgrl.gait.features import Gait, gait_from_reference, until_first_fall
+from romgrl.gait.features import Gait, gait_from_reference
 from romgrl.gait.metrics import describe
+from romgrl.gait.recording import record
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 from romgrl.runtime.stage_log import StageLog
 from romgrl.stages.training.budget import Budget
@@ -90,6 +92,11 @@ class GaitChecks:
         teacher = gait_from_reference(read_reference(reference, config, steps=2)) if taught and reference else None
         return cls(interval, config, env, teacher, columns, mirrors, output, log)
 
+    @cached_property
+    def taught(self) -> dict[str, float]:
+        """The teacher's gait in numbers; none of a baseline's."""
+        return {} if self.teacher is None else describe(self.teacher, target_speed=self.config.speed)
+
     def check_if_due(self, step: int, learner: RomGrl, budget: Budget) -> None:
         """Check the policy where `step` has reached a multiple of the interval that no row has yet, and at the end.
 
@@ -102,7 +109,8 @@ class GaitChecks:
             network = StackedMLP(stack=1, **learner.sac.network)
         network.flat.copy_(learner.sac.average.flat)
         policy = SACPolicy(network, self.columns, *(part.cpu() for part in moments), mirrors=self.mirrors)
-        measured = self.measure(roll_out(self.env, policy, self.config.seed + CHECK_SEED))
+        seed = self.config.seed + CHECK_SEED
+        measured = self.measure(record(self.env, policy, steps=STEPS, seed=seed, dt=self.env.control_step))
         row = {"step": float(step), "eta": float(learner.eta)} | {
             name: float(value) for name, value in measured.items()
         }
@@ -137,8 +145,7 @@ class GaitChecks:
         measured["speed_error_percent"] = percent(row["steady_speed_m_per_s"], speed) - 100
         if self.teacher is None:
             return measured
-        taught = describe(self.teacher, target_speed=speed)
-        window = min(LONGEST_WINDOW, int(self.teacher.valid.sum(axis=1).min()))
+        taught, window = self.taught, min(LONGEST_WINDOW, int(self.teacher.valid.sum(axis=1).min()))
         measured["cadence_error_percent"] = percent(row["stride_frequency_hz"], taught["stride_frequency_hz"]) - 100
         measured["excursion_percent"] = percent(row["pelvis_excursion_m"], taught["pelvis_excursion_m"])
         measured["error_over_variance"] = float(error_over_variance(gait, self.teacher, window).mean())
@@ -208,17 +215,3 @@ def rank(row: Mapping[str, float]) -> tuple[float, ...]:
         return row["falls"], -row["task_reward"]
     error = row["error_over_variance"] * (1 + abs(row["speed_error_percent"]) / SPEED)
     return row["falls"], 1.0 - row["passed"], error if np.isfinite(error) else np.inf, -row["task_reward"]
-
-
-def roll_out(env: PlanarHumanoidVectorEnv, policy: SACPolicy, seed: int) -> Gait:
-    """STEPS steps of a policy in all environments, from the same resets every time."""
-    size = (env.num_envs, STEPS)
-    features, velocity, lean = np.zeros((*size, 5)), np.zeros(size), np.zeros(size)
-    upright = np.ones(size, np.bool_)
-    observation, _ = env.reset(seed=seed)
-    for step in range(STEPS):
-        observation, _, terminated, _, info = env.step(policy(observation))
-        features[:, step], velocity[:, step] = info["features"], info["forward_velocity"]
-        lean[:, step], upright[:, step] = info["trunk_lean"], ~terminated
-    valid = until_first_fall(upright)
-    return Gait(features, valid, ~valid[:, -1], env.control_step, velocity=velocity, trunk_lean=lean)

@@ -13,15 +13,16 @@ import torch
 from torch import Tensor
 
 from romgrl.algorithms.ppo import PPO
+from romgrl.config.learners import LONG_RUN
 from romgrl.config.schema import Config
 from romgrl.gait.features import Gait
+from romgrl.gait.recording import record
 from romgrl.rom.interface import RomVectorEnv
 from romgrl.runtime.stage_log import StageLog
-from romgrl.stages.rollouts.rom import record
 from romgrl.stages.wiring.rom import rom_env
 from romgrl.stages.wiring.seeds import CHECK_SEED
 
-WORLDS, STEPS, STEADY = 8, 1000, 200
+WORLDS, STEPS, STEADY = 8, LONG_RUN, 200
 """A check is so many episodes of so many steps, of which the last ones give the speed: a teacher that was trained on
 shorter episodes takes up to 25 s from a reset to it."""
 FROM = 0.5
@@ -60,7 +61,8 @@ class SpeedChecks:
         if self.env is None or step < self.due:
             return
         self.due = step + self.interval
-        gait = record(self.env, ppo.mean_policy(), steps=STEPS, seed=self.config.seed + CHECK_SEED)
+        seed = self.config.seed + CHECK_SEED
+        gait = record(self.env, ppo.mean_policy(), steps=STEPS, seed=seed, dt=self.env.dt)
         row = {"step": float(step)} | measure(gait, self.config.teacher.speed)
         self.rows.append(row)
         if min(self.rows, key=rank) is row:
