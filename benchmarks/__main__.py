@@ -9,7 +9,7 @@ import time
 import traceback
 from dataclasses import asdict
 
-from benchmarks import machine, plots, results
+from benchmarks import machine, plots, results, sgemm
 from benchmarks.measure import Options, Unavailable
 from benchmarks.rows import ROWS
 
@@ -60,7 +60,8 @@ def measure(name: str, options: Options) -> results.Row:
         traceback.print_exc()
         row |= {"status": "failed", "reason": f"{type(error).__name__}: {error}".splitlines()[0]}
     stamp = {"seconds": round(time.monotonic() - start, 1), "time": time.strftime("%Y-%m-%d %H:%M")}
-    return row | stamp | {"threads": options.threads, "quick": options.quick, "machine": machine.describe()}
+    stamp |= {"threads": options.threads, "quick": options.quick, "machine": machine.describe()}
+    return row | stamp | {"sgemm": sgemm.rates(options.threads)}
 
 
 if __name__ == "__main__":

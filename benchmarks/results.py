@@ -64,8 +64,14 @@ def details(rows: Iterable[Row]) -> str:
         if row["status"] == "measured":
             kept = {name: value for name, value in row["settings"].items() if name != "series"}
             settings = "; ".join(f"{name} {plain(value)}" for name, value in kept.items())
-            lines.append(f"- `{row['name']}` ({row['time']}, {row['machine']['revision']}): {settings}")
+            stamp = ", ".join((row["time"], row["machine"]["revision"], *own_rate(row)))
+            lines.append(f"- `{row['name']}` ({stamp}): {settings}")
     return "\n".join(lines)
+
+
+def own_rate(row: Row) -> list[str]:
+    """The machine's rate of matrix products when a row was measured; none of rows from before there was one."""
+    return [f"sgemm {rate:g} GFLOP/s on {threads} thread(s)" for threads, rate in row.get("sgemm", {}).items()]
 
 
 def plain(value: Any) -> str:

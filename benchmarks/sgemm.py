@@ -9,6 +9,8 @@ import torch
 
 from benchmarks.flops import Product, total
 
+SQUARE = Product(2048, 2048, 2048)
+
 
 def side(products: Sequence[Product], seconds: float) -> Callable[[], float]:
     """A side for `interleave`: GFLOP/s of the products in turn, about `seconds` long, on memory that is there."""
@@ -28,3 +30,15 @@ def side(products: Sequence[Product], seconds: float) -> Callable[[], float]:
         return rounds * work / spent / 1e9
 
     return measure
+
+
+def rates(threads: int) -> dict[str, float]:
+    """GFLOP/s of a large square on one thread and on `threads`, by their number."""
+    before, found = torch.get_num_threads(), {}
+    for count in sorted({1, threads}):
+        torch.set_num_threads(count)
+        measure = side([SQUARE], seconds=0.5)
+        measure()
+        found[str(count)] = round(measure(), 1)
+    torch.set_num_threads(before)
+    return found

@@ -86,4 +86,4 @@ def flops_same_shapes(options: Options) -> Result:
 
 def flops_square(options: Options) -> Result:
     """Beside a product that leaves the processor nothing to wait for."""
-    return flops_beside(options, [flops.Product(2048, 2048, 2048)], "2048 x 2048 x 2048")
+    return flops_beside(options, [sgemm.SQUARE], "2048 x 2048 x 2048")

@@ -57,6 +57,8 @@ def test_the_notes_around_the_table_are_kept() -> None:
     assert written.endswith("\nafter\n")
     assert "old table" not in written
     assert "`a` (today, abc): batch 256" in written
+    paced = results.details([row("a", sgemm={"1": 68.0, "2": 139.5})])
+    assert paced == "- `a` (today, abc, sgemm 68 GFLOP/s on 1 thread(s), sgemm 139.5 GFLOP/s on 2 thread(s)): batch 256"
     assert results.document(written, [row("a")], {}) == written
     with pytest.raises(ValueError, match="markers"):
         results.document("no markers", [], {})
