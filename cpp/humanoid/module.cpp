@@ -2,6 +2,7 @@
 #include <cstdint>
 #include <cstring>
 #include <string>
+#include <tuple>
 #include <utility>
 #include <vector>
 
@@ -17,6 +18,7 @@ using romgrl::kPosture;
 using romgrl::Landmarks;
 using romgrl::PlanarBodies;
 using romgrl::Posture;
+using romgrl::SolePoint;
 using romgrl::Vector;
 
 namespace {
@@ -73,14 +75,18 @@ void observe(const PlanarBodies& bodies, const py::array_t<double>& qpos, const 
     }
 }
 
+using SoleRow = std::tuple<int, bool, Vector, double>;
+
 PlanarBodies make(const std::vector<int>& parents, const std::vector<int>& joints, const std::vector<Vector>& offsets,
                   const std::vector<Vector>& x_axes, const std::vector<Vector>& z_axes, std::vector<double> rest, int left_ankle,
-                  int right_ankle, int neck, int head) {
+                  int right_ankle, int neck, int head, const std::vector<SoleRow>& soles) {
     std::vector<Body> bodies;
     for (std::size_t i = 0; i < parents.size(); ++i) {
         bodies.push_back({parents[i], joints.at(i), offsets.at(i), x_axes.at(i), z_axes.at(i)});
     }
-    return {std::move(bodies), Landmarks{left_ankle, right_ankle, neck, head}, std::move(rest)};
+    std::vector<SolePoint> points;
+    for (const auto& [body, left, offset, radius] : soles) points.push_back({body, left, offset, radius});
+    return {std::move(bodies), Landmarks{left_ankle, right_ankle, neck, head}, std::move(points), std::move(rest)};
 }
 
 }  // namespace
@@ -91,7 +97,7 @@ PYBIND11_MODULE(_core, module) {
     py::class_<PlanarBodies>(module, "PlanarBodies")
         .def(py::init(&make), py::kw_only(), py::arg("parents"), py::arg("joints"), py::arg("offsets"),
              py::arg("x_axes"), py::arg("z_axes"), py::arg("rest"), py::arg("left_ankle"), py::arg("right_ankle"),
-             py::arg("neck"), py::arg("head"))
+             py::arg("neck"), py::arg("head"), py::arg("soles"))
         .def("observe", &observe, py::arg("qpos").noconvert(), py::arg("qvel").noconvert(), py::arg("columns").noconvert(),
              py::arg("observation").noconvert(), py::arg("posture").noconvert());
 }

@@ -33,8 +33,9 @@ float* put(float* out, const Vector& v, double heading) {
 
 }  // namespace
 
-PlanarBodies::PlanarBodies(std::vector<Body> bodies, Landmarks landmarks, std::vector<double> rest)
-    : bodies_(std::move(bodies)), landmarks_(landmarks), rest_(std::move(rest)) {
+PlanarBodies::PlanarBodies(std::vector<Body> bodies, Landmarks landmarks, std::vector<SolePoint> soles,
+                           std::vector<double> rest)
+    : bodies_(std::move(bodies)), landmarks_(landmarks), soles_(std::move(soles)), rest_(std::move(rest)) {
     if (size() < 1 || size() > kMostBodies) throw std::invalid_argument("there must be 1 to 64 bodies");
     for (int i = 0; i < size(); ++i) {
         const Body& body = bodies_[i];
@@ -44,6 +45,13 @@ PlanarBodies::PlanarBodies(std::vector<Body> bodies, Landmarks landmarks, std::v
     }
     for (const int body : {landmarks_.left_ankle, landmarks_.right_ankle, landmarks_.neck, landmarks_.head}) {
         if (body < 0 || body >= size()) throw std::invalid_argument("no such body");
+    }
+    for (const SolePoint& point : soles_) {
+        if (point.body < 0 || point.body >= size()) throw std::invalid_argument("no such body");
+    }
+    for (const bool left : {true, false}) {
+        const auto there = [left](const SolePoint& point) { return point.left == left; };
+        if (std::none_of(soles_.begin(), soles_.end(), there)) throw std::invalid_argument("each foot needs a sole");
     }
     if (joints() < 2) throw std::invalid_argument("the first body must move along x and z");
 }
@@ -97,6 +105,13 @@ Posture PlanarBodies::observe(const double* qpos, const double* qvel, float* __r
     for (int i = 0; i < count; ++i) out = put(out, motions[i].velocity, heading);
     for (int i = 0; i < count; ++i) out = put(out, {0.0, motions[i].rate, 0.0}, heading);
 
+    double left_sole = std::numeric_limits<double>::infinity(), right_sole = left_sole;
+    for (const SolePoint& point : soles_) {
+        const Motion& motion = motions[point.body];
+        double& lowest = point.left ? left_sole : right_sole;
+        lowest = std::min(lowest, motion.position[2] + motion.turn.apply(point.offset)[2] - point.radius);
+    }
+
     const auto above = [&](int body, int axis) { return motions[body].position[axis] - pelvis.position[axis]; };
     return {pelvis.position[2],
             above(landmarks_.left_ankle, 0),
@@ -105,7 +120,9 @@ Posture PlanarBodies::observe(const double* qpos, const double* qvel, float* __r
             above(landmarks_.right_ankle, 2),
             std::atan2(above(landmarks_.neck, 0), above(landmarks_.neck, 2)),
             motions[landmarks_.head].position[2],
-            fastest(qpos, qvel)};
+            fastest(qpos, qvel),
+            left_sole,
+            right_sole};
 }
 
 }  // namespace romgrl

@@ -26,18 +26,27 @@ struct Landmarks {
     int left_ankle, right_ankle, neck, head;
 };
 
-// Heights above the ground, ankles relative to the pelvis, the lean of the line from pelvis to neck (forward positive) and
-// the largest joint speed, infinite where a joint value is not finite.
-struct Posture {
-    double pelvis_height, left_forward, left_up, right_forward, right_up, trunk_lean, head_height, fastest;
+// What a foot stands on: a ball of its sole, or a corner, which has no radius.
+struct SolePoint {
+    int body;
+    bool left;
+    Vector offset;  // from the body's origin, all angles at rest
+    double radius;
 };
-constexpr int kPosture = 8;
+
+// Heights above the ground, ankles relative to the pelvis, the lean of the line from pelvis to neck (forward positive), the
+// largest joint speed, infinite where a joint value is not finite, and the heights of the lowest points of both soles.
+struct Posture {
+    double pelvis_height, left_forward, left_up, right_forward, right_up, trunk_lean, head_height, fastest, left_sole,
+        right_sole;
+};
+constexpr int kPosture = 10;
 static_assert(sizeof(Posture) == kPosture * sizeof(double));
 
 class PlanarBodies {
   public:
     // rest: qpos of the pose in which offsets and axes were taken, facing forward.
-    PlanarBodies(std::vector<Body> bodies, Landmarks landmarks, std::vector<double> rest);
+    PlanarBodies(std::vector<Body> bodies, Landmarks landmarks, std::vector<SolePoint> soles, std::vector<double> rest);
 
     int joints() const { return static_cast<int>(rest_.size()); }
     int size() const { return static_cast<int>(bodies_.size()); }
@@ -53,6 +62,7 @@ class PlanarBodies {
 
     std::vector<Body> bodies_;
     Landmarks landmarks_;
+    std::vector<SolePoint> soles_;
     std::vector<double> rest_;
 };
 

@@ -40,7 +40,8 @@ class Teacher:
     mirror: bool = key("true: half of each minibatch is left-right mirrored")
     check_steps: int = key(
         "environment steps between two checks of the speed that the policy comes to in the long run, over the second "
-        "half of a training; the last one that holds it within 3 % is kept; 0: none, the last one is kept",
+        "half of a training; the last one that holds it within 0.5 % is kept, else the nearest; 0: none, the last "
+        "one is kept",
         low=0,
         high=10**12,
     )
@@ -125,9 +126,9 @@ class Discriminator:
     name: str = key("what it is called; not given: as its preset")
     enabled: bool = key("false: no imitation; the student is the baseline, whatever eta and noise are")
     features: str = key(
-        "what a frame holds, paper: the five; trunk: the trunk inclination as well; velocities: the five and their "
-        "velocities; trunk_velocities: all of these",
-        choices=("paper", "trunk", "velocities", "trunk_velocities"),
+        "what a frame holds, paper: the five; trunk: the trunk inclination as well; trunk_soles: also the heights of "
+        "both soles; velocities: the five and their velocities; trunk_velocities: the five, the trunk and velocities",
+        choices=("paper", "trunk", "trunk_soles", "velocities", "trunk_velocities"),
     )
     window: int = key("frames seen together", low=1, high=32)
     stride: int = key("control steps from one frame of a window to the next", low=1, high=32)

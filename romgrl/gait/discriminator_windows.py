@@ -1,7 +1,8 @@
 """Windows of gait frames, as the discriminator sees them.
 
-A frame is the five features of the contract (romgrl.gait.features), with the trunk inclination as a sixth and the
-velocities of the five behind if wished. The frames of a window lie `stride` control steps apart.
+A frame is the five features of the contract (romgrl.gait.features), with the trunk inclination as a sixth, and behind
+it the heights of both soles or the velocities of the five, if wished. The frames of a window lie `stride` control steps
+apart.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from romgrl.gait.features import CHANNELS, MIRROR
+from romgrl.gait.features import BODY_Y, CHANNELS, LEFT_Z, MIRROR, RIGHT_Z
 from romgrl.gait.symmetry import Mirror, unsigned
 
 Float32 = NDArray[np.float32]
@@ -24,8 +25,9 @@ class WindowLayout:
     """What a window holds: `window` frames, oldest first, `stride` control steps of `dt` seconds apart.
 
     features: "paper": the five; "velocities": the five and their velocities; "trunk": the five and the trunk
-    inclination; "trunk_velocities": the five, the trunk inclination, the velocities of the five. A velocity is the
-    difference from the control step before over dt, in m/s; the trunk has none, because the ROM's does not turn.
+    inclination; "trunk_soles": with them the heights of the lowest points of both feet above the ground;
+    "trunk_velocities": the five, the trunk inclination, the velocities of the five. A velocity is the difference from
+    the control step before over dt, in m/s; the trunk has none, because the ROM's does not turn.
     """
 
     features: str
@@ -39,6 +41,11 @@ class WindowLayout:
         return self.features.startswith("trunk")
 
     @property
+    def soles(self) -> bool:
+        """True where a frame has the heights of the soles."""
+        return self.features.endswith("soles")
+
+    @property
     def velocities(self) -> bool:
         """True where a frame has velocities."""
         return self.features.endswith("velocities")
@@ -46,7 +53,7 @@ class WindowLayout:
     @property
     def positions(self) -> int:
         """Columns of a control step as it is recorded."""
-        return len(CHANNELS) + self.trunk
+        return len(CHANNELS) + self.trunk + 2 * self.soles
 
     @property
     def columns(self) -> int:
@@ -65,8 +72,8 @@ class WindowLayout:
 
     def frame(self, info: Mapping[str, Float32], prefix: str = "") -> Float32:
         """A control step (N, positions) from an environment's `info`; prefix "reset_" for the one after a reset."""
-        features = info[f"{prefix}features"]
-        return np.column_stack((features, info[f"{prefix}trunk_lean"])) if self.trunk else features
+        names = ("features", *["trunk_lean"] * self.trunk, *["sole_height"] * self.soles)
+        return np.column_stack([info[prefix + name] for name in names])
 
     def windows(self, steps: Float32) -> Float32:
         """Windows (N, size) of recorded control steps (N, span, positions); a view where nothing is left out."""
@@ -80,6 +87,7 @@ class WindowLayout:
         """Mirror of a window (size,); all that is seen keeps its sign."""
         frame = [*MIRROR.permutation]
         frame += [len(frame)] * self.trunk
+        frame += [len(frame) + 1, len(frame)] * self.soles
         frame += [len(frame) + column for column in MIRROR.permutation] * self.velocities
         return unsigned((np.arange(self.window)[:, None] * self.columns + np.array(frame)).ravel())
 
@@ -122,8 +130,9 @@ def reference_windows(
 ) -> Float32:
     """Windows of a reference, (M, layout.size), none of which crosses an episode.
 
-    With the trunk, each window gets inclinations of its own (`trunk_leans`): the ROM's trunk is upright. With `mirror`,
-    each window is followed by its mirror image, which leans as it does.
+    With the trunk, each window gets inclinations of its own (`trunk_leans`): the ROM's trunk is upright. The soles of
+    its feet, which do not turn, are at the ground where the ankles are lowest. With `mirror`, each window is followed
+    by its mirror image, which leans as it does.
     """
     span = layout.span
     starts = np.arange(len(features) - span + 1)
@@ -134,6 +143,9 @@ def reference_windows(
     if layout.trunk:
         lean = trunk_leans(len(starts), span, std=trunk_std, time=trunk_time, dt=layout.dt, seed=seed)
         steps = np.concatenate((steps, lean[..., None]), axis=-1)
+    if layout.soles:
+        ankles = steps[..., [LEFT_Z, RIGHT_Z]] + steps[..., [BODY_Y]]
+        steps = np.concatenate((steps, ankles - ankles.min()), axis=-1)
     flat = layout.windows(steps.astype(np.float32))
     if mirror:
         flat = np.stack((flat, layout.mirror().image(flat)), axis=1).reshape(2 * len(starts), -1)

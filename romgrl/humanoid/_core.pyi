@@ -22,6 +22,7 @@ class PlanarBodies:
         right_ankle: int,
         neck: int,
         head: int,
+        soles: Sequence[tuple[int, bool, Sequence[float], float]],
     ) -> None: ...
     def observe(
         self,

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from romgrl.humanoid import task
 from romgrl.humanoid.model import CONTROL_FREQUENCY, build, dimensions
 from romgrl.humanoid.observation import mirror_observation, observation_names, varying_columns
-from romgrl.humanoid.planar_observer import GAIT_FEATURES, TRUNK_LEAN, PlanarObserver
+from romgrl.humanoid.planar_observer import GAIT_FEATURES, SOLE_HEIGHT, TRUNK_LEAN, PlanarObserver
 from romgrl.humanoid.process_settings import set_up_mujoco
 from romgrl.humanoid.rendering import SideCamera
 from romgrl.humanoid.skeleton import skeleton_of
@@ -26,8 +26,9 @@ _METADATA = {"render_modes": ["rgb_array"], "render_fps": round(CONTROL_FREQUENC
 class PlanarHumanoidEnv(gym.Env[Float32, Float32]):
     """The same task as `PlanarHumanoidVectorEnv`, bit for bit, for one humanoid and without autoreset.
 
-    `info` has `features` (5,), `forward_velocity`, `trunk_lean` and `diverged`; observations are float32,
-    (358,) for SMPL's skeleton, and actions (21,) in [-1, 1]; `observation_names` and `action_names` say what they are.
+    `info` has `features` (5,), `forward_velocity`, `trunk_lean`, `sole_height` (2,) and `diverged`; observations are
+    float32, (358,) for SMPL's skeleton, and actions (21,) in [-1, 1]; `observation_names` and `action_names` say what
+    they are.
 
     Args:
         model: planar model of `romgrl.humanoid.model.build`; None: the project's own humanoid.
@@ -130,5 +131,6 @@ def _info(posture: NDArray[np.float64], velocity: float, *, diverged: bool) -> d
         "features": posture[0, GAIT_FEATURES].astype(np.float32),
         "forward_velocity": np.float32(velocity),
         "trunk_lean": np.float32(posture[0, TRUNK_LEAN]),
+        "sole_height": posture[0, SOLE_HEIGHT].astype(np.float32),
         "diverged": diverged,
     }

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from romgrl.humanoid import task
 from romgrl.humanoid.model import CONTROL_FREQUENCY, build, dimensions
 from romgrl.humanoid.observation import mirror_observation, observation_names, varying_columns
-from romgrl.humanoid.planar_observer import GAIT_FEATURES, TRUNK_LEAN, PlanarObserver
+from romgrl.humanoid.planar_observer import GAIT_FEATURES, SOLE_HEIGHT, TRUNK_LEAN, PlanarObserver
 from romgrl.humanoid.process_settings import set_up_mujoco
 from romgrl.humanoid.rendering import SideCamera
 from romgrl.humanoid.skeleton import skeleton_of
@@ -33,8 +33,9 @@ class PlanarHumanoidVectorEnv(VectorEnv[Float32, Float32, Any]):
 
     Observations (N, C), 358 columns for SMPL's skeleton, belong to the state after the step; `observation_names` and
     `action_names` say what the columns are. `info` has, before the autoreset, `final_obs`,
-    `features` (N, 5), `forward_velocity` (N,), `trunk_lean` (N,) and `diverged` (N,), and after it `reset_features`
-    and `reset_trunk_lean`. A diverged humanoid ends its episode with reward 0 and reports the state it restarts from.
+    `features` (N, 5), `forward_velocity` (N,), `trunk_lean` (N,), `sole_height` (N, 2) and `diverged` (N,), and after
+    it `reset_features`, `reset_trunk_lean` and `reset_sole_height`. A diverged humanoid ends its episode with
+    reward 0 and reports the state it restarts from.
 
     Args:
         model: planar model of `romgrl.humanoid.model.build`; None: the project's own humanoid.
@@ -207,12 +208,15 @@ def _before_reset(
         "features": posture[:, GAIT_FEATURES].astype(np.float32),
         "forward_velocity": velocity.astype(np.float32),
         "trunk_lean": posture[:, TRUNK_LEAN].astype(np.float32),
+        "sole_height": posture[:, SOLE_HEIGHT].astype(np.float32),
         "diverged": diverged,
     }
 
 
 def _after_reset(info: dict[str, Any], posture: NDArray[np.float64], rows: Rows) -> dict[str, Any]:
     """Add what belongs to the states after an autoreset of `rows`."""
-    features, lean = info["features"].copy(), info["trunk_lean"].copy()
-    features[rows], lean[rows] = posture[rows, GAIT_FEATURES], posture[rows, TRUNK_LEAN]
-    return info | {"reset_features": features, "reset_trunk_lean": lean}
+    seen: dict[str, slice | int] = {"features": GAIT_FEATURES, "trunk_lean": TRUNK_LEAN, "sole_height": SOLE_HEIGHT}
+    for name, columns in seen.items():
+        info[f"reset_{name}"] = info[name].copy()
+        info[f"reset_{name}"][rows] = posture[rows, columns]
+    return info

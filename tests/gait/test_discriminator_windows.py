@@ -8,8 +8,8 @@ from romgrl.gait.discriminator_windows import FrameWindows, WindowLayout, refere
 from romgrl.gait.features import MIRROR
 
 DT = 1 / 30
-FEATURES = ("paper", "trunk", "velocities", "trunk_velocities")
-COLUMNS = {"paper": 5, "trunk": 6, "velocities": 10, "trunk_velocities": 11}
+COLUMNS = {"paper": 5, "trunk": 6, "trunk_soles": 8, "velocities": 10, "trunk_velocities": 11}
+FEATURES = tuple(COLUMNS)
 
 
 def recorded(layout: WindowLayout, rows: int, seed: int = 0) -> NDArray[np.float32]:
@@ -56,7 +56,8 @@ def test_velocities_of_a_known_motion() -> None:
 def test_mirror_of_a_window_is_the_window_of_the_mirror(features: str, window: int, stride: int) -> None:
     layout = WindowLayout(features, window, stride, DT)
     steps, mirror = recorded(layout, 5), layout.mirror()
-    swapped = np.concatenate((MIRROR.image(steps[..., :5]), steps[..., 5:]), axis=-1)
+    soles = steps[..., 6:][..., ::-1]
+    swapped = np.concatenate((MIRROR.image(steps[..., :5]), steps[..., 5:6], soles), axis=-1)
     seen = layout.windows(steps)
     np.testing.assert_array_equal(mirror.image(seen), layout.windows(swapped))
     np.testing.assert_array_equal(mirror.image(mirror.image(seen)), seen)
@@ -64,14 +65,17 @@ def test_mirror_of_a_window_is_the_window_of_the_mirror(features: str, window: i
 
 @pytest.mark.parametrize("features", FEATURES)
 def test_the_student_is_seen_as_the_reference_is(features: str) -> None:
-    """Steps pushed one by one give the windows of a reference of the same steps."""
+    """Steps pushed one by one give the windows of a reference of the same steps; its soles are as far above the ground
+    as its ankles are above their lowest."""
     layout = WindowLayout(features, 3, 2, DT)
     motion = np.random.default_rng(1).normal(size=(40, 5)).astype(np.float32)
     windows = FrameWindows(num_envs=2, layout=layout)
-    lean = np.full((2, int(layout.trunk)), 0.0, np.float32)
+    ankles = motion[:, [2, 4]] + motion[:, :1]
+    soles = ankles - ankles.min()
     seen = []
     for step, row in enumerate(motion):
-        frame = np.column_stack((np.stack((row, row + 1)), lean))
+        info = {"features": np.stack((row, row + 1)), "trunk_lean": np.zeros(2, np.float32)}
+        frame = layout.frame(info | {"sole_height": np.stack((soles[step], soles[step] + 1))})
         if step == 0:
             windows.restart(frame)
         else:

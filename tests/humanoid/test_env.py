@@ -34,7 +34,7 @@ def test_same_bits_as_the_vector_environment(actuation: str) -> None:
         together, rewards, terminations, truncations, infos = vector.step(action[None])
         assert np.array_equal(alone, infos["final_obs"][0])
         assert (reward, terminated, truncated) == (rewards[0], terminations[0], truncations[0])
-        for name in ("features", "forward_velocity", "trunk_lean", "diverged"):
+        for name in ("features", "forward_velocity", "trunk_lean", "sole_height", "diverged"):
             assert np.array_equal(info[name], infos[name][0]), name
         ended[0] += terminated
         ended[1] += truncated

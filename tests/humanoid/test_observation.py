@@ -12,7 +12,7 @@ import pytest
 from romgrl.humanoid import _core
 from romgrl.humanoid.model import build, dimensions
 from romgrl.humanoid.observation import observe, varying_columns
-from romgrl.humanoid.planar_observer import FASTEST, GAIT_FEATURES, TRUNK_LEAN, PlanarObserver
+from romgrl.humanoid.planar_observer import FASTEST, GAIT_FEATURES, SOLE_HEIGHT, TRUNK_LEAN, PlanarObserver
 from romgrl.humanoid.skeleton import SMPL
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 from tests.humanoid.files import humenv_cases, humenv_xml
@@ -117,7 +117,19 @@ def test_postures_are_mujocos(make: Callable[[], mujoco.MjModel]) -> None:
         features = [pelvis[2], *(left - pelvis)[[0, 2]], *(right - pelvis)[[0, 2]]]
         lean = np.arctan2((neck - pelvis)[0], (neck - pelvis)[2])
         fastest = np.abs(qvel[row]).max()
-        assert posture == pytest.approx([*features, lean, data.body("Head").xpos[2], fastest], abs=1e-12)
+        assert posture[:FASTEST] == pytest.approx([*features, lean, data.body("Head").xpos[2]], abs=1e-12)
+        assert posture[FASTEST] == fastest
+        assert posture[SOLE_HEIGHT] == pytest.approx([gap(model, data, side) for side in "LR"], abs=1e-6)
+
+
+def gap(model: mujoco.MjModel, data: mujoco.MjData, side: str) -> float:
+    """Height of a foot above the floor as MuJoCo's collision of shapes has it, m."""
+    touches = np.flatnonzero(model.geom_contype | model.geom_conaffinity)
+    touching = {*model.pair_geom1, *model.pair_geom2, *touches}
+    floor = next(geom for geom in range(model.ngeom) if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE)
+    feet = {model.body(f"{side}_{part}").id for part in ("Ankle", "Toe")}
+    shapes = [geom for geom in touching if model.geom_bodyid[geom] in feet]
+    return min(mujoco.mj_geomDistance(model, data, floor, geom, 10.0, None) for geom in shapes)
 
 
 def test_posture_by_hand() -> None:
@@ -222,7 +234,7 @@ def test_users_own_humanoid_varies_in_the_plane() -> None:
 
 
 def test_trees_that_the_observer_refuses() -> None:
-    def tree(bodies: int, head: int = 0) -> _core.PlanarBodies:
+    def tree(bodies: int, head: int = 0, soles: tuple[int, ...] = (0, 0)) -> _core.PlanarBodies:
         zeros = [[0.0, 0.0, 0.0]] * bodies
         return _core.PlanarBodies(
             parents=range(-1, bodies - 1),
@@ -235,9 +247,14 @@ def test_trees_that_the_observer_refuses() -> None:
             right_ankle=0,
             neck=0,
             head=head,
+            soles=[(body, side == 0, [0.0, 0.0, 0.0], 0.0) for side, body in enumerate(soles)],
         )
 
     tree(64, head=63)
     for bodies, head, reason in ((0, 0, "1 to 64 bodies"), (65, 0, "1 to 64 bodies"), (3, 3, "no such body")):
         with pytest.raises(ValueError, match=reason):
             tree(bodies, head)
+    with pytest.raises(ValueError, match="no such body"):
+        tree(3, soles=(0, 3))
+    with pytest.raises(ValueError, match="each foot needs a sole"):
+        tree(3, soles=(0,))
