@@ -27,7 +27,9 @@ it wavers by on a reference that is not learned by heart."""
 class Discriminator:
     """Discriminator of windows of gait features, (B, window_size) -> logit (B,).
 
-    `reference` holds the windows of the teacher, (N, window_size); the last `held_out` share of it validates.
+    `reference` holds the windows of the teacher, (N, window_size); the last `held_out` share of it validates. `weights`
+    (window_size,) multiplies the columns as the network sees them, None: not at all; noise is the same for all columns
+    then, so that what has less weight counts less.
     `noise` is the standard deviation of the Gaussian noise on both streams while training, in feature units, or in
     deviations of the reference where it is standardised; with `accuracy` it follows so that this share of the windows
     is told apart (after Karras et al. 2020, who adapt augmentations so). `loss` is a key of LOSSES; `penalty_on` says
@@ -54,6 +56,7 @@ class Discriminator:
         penalty_on: str = "interpolates",
         accuracy: float | None = None,
         early_stop: str = "gap",
+        weights: Tensor | None = None,
         device: str = "cpu",
     ) -> None:
         torch.manual_seed(seed)
@@ -64,7 +67,7 @@ class Discriminator:
         self.real, self.validation = reference[:split].to(device), reference[split:].to(device)
         scale = reference.std(0).clamp(min=1e-3) if standardize else torch.ones(reference.shape[1])
         self.mean = (reference.mean(0) if standardize else torch.zeros(reference.shape[1])).to(device)
-        self.scale = (1 / scale).to(device)
+        self.scale = (1 / scale if weights is None else weights / scale).to(device)
         layers: list[nn.Module] = []
         for inputs, outputs in zip([reference.shape[1], *hidden_sizes[:-1]], hidden_sizes, strict=True):
             layers += [nn.Linear(inputs, outputs), nn.LeakyReLU(0.2), nn.Dropout(dropout)]

@@ -132,6 +132,11 @@ class Discriminator:
     )
     window: int = key("frames seen together", low=1, high=32)
     stride: int = key("control steps from one frame of a window to the next", low=1, high=32)
+    sole_weight: float = key(
+        "what the discriminator sees of the heights of the soles, times this; the noise stays: below 1 they count less",
+        low=0,
+        high=100,
+    )
     loss: str = key(
         "bce: cross-entropy; least_squares: as AMP; wasserstein: a critic as WGAN-GP; each with its own reward",
         choices=(*LABELLED, *CRITICS),

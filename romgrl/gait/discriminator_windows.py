@@ -18,6 +18,9 @@ from romgrl.gait.features import BODY_Y, CHANNELS, LEFT_Z, MIRROR, RIGHT_Z
 from romgrl.gait.symmetry import Mirror, unsigned
 
 Float32 = NDArray[np.float32]
+SOLE_RANGE = np.float32(0.005), np.float32(0.03)
+"""Heights of a sole, m, from the least to the most that is told apart: below, soft soles are pressed together, which
+the ROM's are not; above, a foot is clear of the ground, however it is turned."""
 
 
 @dataclass(frozen=True)
@@ -25,7 +28,7 @@ class WindowLayout:
     """What a window holds: `window` frames, oldest first, `stride` control steps of `dt` seconds apart.
 
     features: "paper": the five; "velocities": the five and their velocities; "trunk": the five and the trunk
-    inclination; "trunk_soles": with them the heights of the lowest points of both feet above the ground;
+    inclination; "trunk_soles": with them the heights of both soles, within SOLE_RANGE;
     "trunk_velocities": the five, the trunk inclination, the velocities of the five. A velocity is the difference from
     the control step before over dt, in m/s; the trunk has none, because the ROM's does not turn.
     """
@@ -72,8 +75,10 @@ class WindowLayout:
 
     def frame(self, info: Mapping[str, Float32], prefix: str = "") -> Float32:
         """A control step (N, positions) from an environment's `info`; prefix "reset_" for the one after a reset."""
-        names = ("features", *["trunk_lean"] * self.trunk, *["sole_height"] * self.soles)
-        return np.column_stack([info[prefix + name] for name in names])
+        parts = [info[f"{prefix}features"]]
+        parts += [info[f"{prefix}trunk_lean"]] if self.trunk else []
+        parts += [info[f"{prefix}sole_height"].clip(*SOLE_RANGE)] if self.soles else []
+        return np.column_stack(parts)
 
     def windows(self, steps: Float32) -> Float32:
         """Windows (N, size) of recorded control steps (N, span, positions); a view where nothing is left out."""
@@ -82,6 +87,12 @@ class WindowLayout:
             before, now = steps[:, : -1 : self.stride, : len(CHANNELS)], frames[..., : len(CHANNELS)]
             frames = np.concatenate((frames, (now - before) / np.float32(self.dt)), axis=-1)
         return frames.reshape(len(steps), self.size)
+
+    def weights(self, sole_weight: float) -> Float32:
+        """Factors (size,) of a window's columns: those of the soles have `sole_weight`, all others 1."""
+        frame = np.ones(self.columns, np.float32)
+        frame[len(CHANNELS) + self.trunk : self.positions] = sole_weight
+        return np.tile(frame, self.window)
 
     def mirror(self) -> Mirror:
         """Mirror of a window (size,); all that is seen keeps its sign."""
@@ -145,7 +156,7 @@ def reference_windows(
         steps = np.concatenate((steps, lean[..., None]), axis=-1)
     if layout.soles:
         ankles = steps[..., [LEFT_Z, RIGHT_Z]] + steps[..., [BODY_Y]]
-        steps = np.concatenate((steps, ankles - ankles.min()), axis=-1)
+        steps = np.concatenate((steps, (ankles - ankles.min()).clip(*SOLE_RANGE)), axis=-1)
     flat = layout.windows(steps.astype(np.float32))
     if mirror:
         flat = np.stack((flat, layout.mirror().image(flat)), axis=1).reshape(2 * len(starts), -1)

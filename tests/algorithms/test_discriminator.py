@@ -57,6 +57,18 @@ def test_imitation_reward_is_minus_log_one_minus_d() -> None:
     assert float(LOSSES["bce"].paid(logits, torch.zeros(()), 3.0)[3]) == 3.0
 
 
+def test_a_column_of_less_weight_counts_less_and_has_more_noise() -> None:
+    """A logit moves with the weighted column as with one whose unit is larger; noise is the same to the network."""
+    weights = torch.tensor([1.0, 1.0, 0.25, 1.0, 0.0])
+    plain, weighted = make(dropout=0.0), make(dropout=0.0, weights=weights)
+    windows = plain.mean + torch.randn((8, 5), generator=torch.Generator().manual_seed(1))
+    closer = plain.mean + weights * (windows - plain.mean)
+    torch.testing.assert_close(weighted.logits(windows), plain.logits(closer))
+    still = torch.zeros((20_000, 5))
+    spread = weighted._perturb(still)[:, :4].std(0) / plain._perturb(still)[:, :4].std(0)
+    torch.testing.assert_close(spread, 1 / weights[:4], rtol=0.05, atol=0.0)
+
+
 def test_it_learns_to_tell_and_rewards_what_looks_real() -> None:
     discriminator = make(dropout=0.0)
     generator = torch.Generator().manual_seed(1)

@@ -68,7 +68,7 @@ def test_the_student_is_seen_as_the_reference_is(features: str) -> None:
     """Steps pushed one by one give the windows of a reference of the same steps; its soles are as far above the ground
     as its ankles are above their lowest."""
     layout = WindowLayout(features, 3, 2, DT)
-    motion = np.random.default_rng(1).normal(size=(40, 5)).astype(np.float32)
+    motion = 0.02 * np.random.default_rng(1).normal(size=(40, 5)).astype(np.float32)
     windows = FrameWindows(num_envs=2, layout=layout)
     ankles = motion[:, [2, 4]] + motion[:, :1]
     soles = ankles - ankles.min()
@@ -82,6 +82,15 @@ def test_the_student_is_seen_as_the_reference_is(features: str) -> None:
             seen.append(windows.push(frame).copy())
     expected = reference_windows(motion, np.zeros(40, np.int32), layout=layout, trunk_std=0.0, mirror=False, seed=0)
     np.testing.assert_allclose(np.stack(seen)[layout.span - 2 :, 0], expected, atol=1e-5)
+
+
+def test_soles_that_are_pressed_in_or_clear_of_the_ground_look_alike() -> None:
+    layout = WindowLayout("trunk_soles", 1)
+    info = {"features": np.zeros((2, 5), np.float32), "trunk_lean": np.zeros(2, np.float32)}
+    soles = np.array([[-0.01, 0.004], [0.02, 0.4]], np.float32)
+    seen = layout.frame(info | {"sole_height": soles})[:, 6:]
+    np.testing.assert_allclose(seen, [[0.005, 0.005], [0.02, 0.03]], rtol=1e-6)
+    np.testing.assert_array_equal(WindowLayout("trunk_soles", 2).weights(0.25), 2 * ([1.0] * 6 + [0.25] * 2))
 
 
 def test_velocity_after_a_reset_is_that_of_the_first_step() -> None:

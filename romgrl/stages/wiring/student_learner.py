@@ -101,6 +101,7 @@ def build_discriminator(config: Config, layout: WindowLayout, reference: Path | 
         held_out=discriminator.held_out,
         patience=discriminator.patience,
         early_stop=discriminator.early_stop,
+        weights=torch.from_numpy(layout.weights(discriminator.sole_weight)),
         standardize=discriminator.standardize,
         loss=discriminator.loss,
         penalty_on=discriminator.penalty_on,
