@@ -40,7 +40,7 @@ class Teacher:
     mirror: bool = key("true: half of each minibatch is left-right mirrored")
     check_steps: int = key(
         "environment steps between two checks of the speed that the policy comes to in the long run, over the second "
-        "half of a training; the last one that holds it within 0.5 % is kept, else the nearest; 0: none, the last "
+        "half of a training; the last one that holds it within 3 % is kept, else the nearest; 0: none, the last "
         "one is kept",
         low=0,
         high=10**12,

@@ -30,7 +30,7 @@ def row(step: float, speed_error: float, falls: float = 0.0) -> Row:
 @pytest.mark.parametrize(
     ("rows", "kept"),
     [
-        ([row(1, 0.1), row(2, -0.4), row(3, 0.6)], 2),  # within the limit the last one counts
+        ([row(1, 0.1), row(2, -2.9), row(3, 3.1)], 2),  # within the limit the last one counts
         ([row(1, 8.0), row(2, -5.0), row(3, 6.0)], 2),  # beyond it the nearest
         ([row(1, 9.0), row(2, 0.0, falls=1)], 1),
         ([row(1, float("nan"), falls=8), row(2, 40.0, falls=8)], 2),

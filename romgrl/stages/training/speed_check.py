@@ -27,7 +27,7 @@ WORLDS, STEPS, STEADY = 8, LONG_RUN, 200
 shorter episodes takes up to 25 s from a reset to it."""
 FROM = 0.5
 """Share of the training from which policies are checked."""
-SPEED = 0.5
+SPEED = 3.0
 """A policy holds its speed within so many percent."""
 FILE = "checks.csv"
 
