@@ -14,15 +14,16 @@ from romgrl.gait.symmetry import Mirror
 
 @dataclass
 class Batch:
-    """Transitions drawn from the buffer, B rows each."""
+    """B transitions drawn from the buffer, with what the n steps from each on were paid for."""
 
     observation: Tensor  # (B, observation_size)
     action: Tensor  # (B, action_size)
-    next_observation: Tensor  # (B, observation_size)
-    task_reward: Tensor  # (B,)
-    terminated: Tensor  # (B,) 1 where the episode ended in a fall
-    windows: Tensor  # (B, window_size) window of gait features after the step
-    imitation_reward: Tensor  # (B,) as stored when the step was taken
+    next_observation: Tensor  # (B, observation_size) after the last step that counts
+    terminated: Tensor  # (B,) 1 where the episode ended in a fall by then
+    counts: Tensor  # (B, n) 1 for the steps that count: up to a fall, a truncation or the newest step; the first does
+    task_reward: Tensor  # (B, n)
+    windows: Tensor  # (B, n, window_size) window of gait features after each step
+    imitation_reward: Tensor  # (B, n) as stored when the step was taken
 
     def split(self, parts: int) -> list[Batch]:
         """Cut into `parts` batches of equal size (views, no copies)."""
@@ -36,6 +37,7 @@ class ReplayBuffer:
     The successor of a transition is the next row of the ring. A fallen episode has no successor that matters
     (its value is zero), and a truncated transition is not sampled, because its successor is not stored: the last one
     before it that was not truncated takes its place, or the newest of all where the ring does not hold that any more.
+    `n_steps` steps in a row are drawn at once.
     """
 
     def __init__(
@@ -47,6 +49,7 @@ class ReplayBuffer:
         action_size: int,
         window_size: int,
         seed: int,
+        n_steps: int = 1,
         device: str = "cpu",
         mirror_observation: Mirror | None = None,
         mirror_action: Mirror | None = None,
@@ -55,6 +58,7 @@ class ReplayBuffer:
         if capacity < 4 * num_envs:
             raise ValueError(f"capacity {capacity} holds fewer than 4 steps of {num_envs} environments")
         self.rows = capacity // num_envs
+        self.ahead = torch.arange(n_steps, device=device)
         self.num_envs = num_envs
         shape = (self.rows, num_envs)
         self.observation = torch.zeros((*shape, observation_size), device=device)
@@ -110,15 +114,18 @@ class ReplayBuffer:
     def sample(self, size: int) -> Batch:
         """Draw `size` transitions with replacement; every second one is mirrored where mirrors were given."""
         index = self._draw(size, min(self.added, self.rows - 1) - 1)
-        following = (index + self.num_envs) % (self.rows * self.num_envs)
+        path = (index.unsqueeze(1) + self.ahead * self.num_envs) % (self.rows * self.num_envs)
+        fell, counts = self._counts(path)
+        last = path.gather(1, counts.sum(1, keepdim=True).long() - 1).squeeze(1)
         batch = Batch(
             observation=_rows(self.observation, index),
             action=_rows(self.action, index),
-            next_observation=_rows(self.observation, following),
-            task_reward=_rows(self.task_reward, index),
-            terminated=_rows(self.terminated, index),
-            windows=_rows(self.windows, index),
-            imitation_reward=_rows(self.imitation_reward, index),
+            next_observation=_rows(self.observation, (last + self.num_envs) % (self.rows * self.num_envs)),
+            terminated=(fell * counts).sum(1),
+            counts=counts,
+            task_reward=_rows(self.task_reward, path),
+            windows=_rows(self.windows, path),
+            imitation_reward=_rows(self.imitation_reward, path),
         )
         observation, action, windows = self.mirrors
         _mirror_half(batch.observation, observation)
@@ -126,6 +133,15 @@ class ReplayBuffer:
         _mirror_half(batch.action, action)
         _mirror_half(batch.windows, windows)
         return batch
+
+    def _counts(self, path: Tensor) -> tuple[Tensor, Tensor]:
+        """Of n steps in a row at flat indices (B, n): where a fall ended the episode, and which of them count."""
+        fell = _rows(self.terminated, path)
+        left = ((self.added - 1) % self.rows - path[:, :1] // self.num_envs) % self.rows
+        counts = ((_rows(self.back, path) == 0) & (self.ahead <= left)).to(fell.dtype)
+        counts[:, 0] = 1.0  # as `_draw` chose it
+        counts[:, 1:] *= 1 - fell[:, :-1]
+        return fell, counts.cumprod(1)
 
     def sample_windows(self, size: int, recent: int | None = None) -> Tensor:
         """Draw windows of gait features, (size, window_size), from the last `recent` transitions (None: all)."""
@@ -202,9 +218,9 @@ class ReplayBuffer:
 
 def _rows(ring: Tensor, index: Tensor) -> Tensor:
     # index_select: a sixth of the time of ring[index]
-    return ring.flatten(0, 1).index_select(0, index)
+    return ring.flatten(0, 1).index_select(0, index.flatten()).unflatten(0, index.shape)
 
 
 def _mirror_half(values: Tensor, mirror: Mirror | None) -> None:
     if mirror is not None:
-        torch.mul(values[::2].index_select(1, mirror.permutation), mirror.sign, out=values[::2])
+        torch.mul(values[::2].index_select(-1, mirror.permutation), mirror.sign, out=values[::2])

@@ -124,13 +124,17 @@ class RomGrl:
         return self.stop_seen and not seen
 
     def _reward(self, batch: Batch) -> tuple[Tensor, Metrics]:
-        """eta r_env + (1 - eta) r_im with the discriminator as it is now (paper, J(pi))."""
+        """Sum of gamma^k r_k over the steps that count, (B,), where r = eta r_env + (1 - eta) r_im with the discriminator
+        as it is now (paper, J(pi))."""
+        weights = batch.counts * self.sac.gamma ** self.buffer.ahead
         if self.discriminator is None:
-            return self.eta * batch.task_reward, {"task_reward": batch.task_reward.mean()}
-        imitation = batch.imitation_reward if self.stored_reward else self.discriminator.reward(batch.windows)
+            return (weights * self.eta * batch.task_reward).sum(1), {"task_reward": batch.task_reward.mean()}
+        imitation = batch.imitation_reward
+        if not self.stored_reward:
+            imitation = self.discriminator.reward(batch.windows.flatten(0, 1)).view_as(imitation)
         reward = self.eta * batch.task_reward + (1 - self.eta) * imitation
         share = (1 - self.eta) * imitation.mean() / reward.mean().clamp(min=1e-6)
-        return reward, {
+        return (weights * reward).sum(1), {
             "task_reward": batch.task_reward.mean(),
             "imitation_reward": imitation.mean(),
             "imitation_share": share,

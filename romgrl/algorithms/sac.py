@@ -111,7 +111,7 @@ class SAC:
         return squashed_gaussian.sample(head[0], noise)
 
     def update(self, batch: Batch, reward: Tensor) -> Metrics:
-        """One SAC update on a batch with its total reward (B,); returns scalars to log."""
+        """One SAC update on a batch with its n-step return (B,); returns scalars to log."""
         next_noise, *noises = self._noise(1 + self.policy_updates, len(reward))
         due = self.updates % self.policy_delay == 0
         policy: Callable[[], Metrics] | None = None
@@ -158,12 +158,13 @@ class SAC:
         return {"log_temperature": self.log_temperature} | {name: part.flat for name, part in networks.items()}
 
     def bellman_target(self, batch: Batch, reward: Tensor, following: squashed_gaussian.Sample) -> Tensor:
-        """y = r + gamma (1 - terminated) (Q'(s', a') - alpha log pi(a'|s')), (B,), with a' from `following`."""
+        """y = r + gamma^n (1 - terminated) (Q'(s', a') - alpha log pi(a'|s')), (B,), with a' from `following`; r is the
+        return of the n steps up to s'."""
         inputs = torch.cat((batch.next_observation, following.action), -1)
         values = self.target.forward(inputs, self.target.kept_tape(len(inputs), "next_value")).squeeze(-1)
         value = values.amin(0) if self.critic_target == "minimum" else values.mean(0)
         soft_value = value - self.log_temperature.exp() * following.log_probability
-        return reward + self.gamma * (1 - batch.terminated) * soft_value
+        return reward + self.gamma ** batch.counts.sum(1) * (1 - batch.terminated) * soft_value
 
     def critic_gradient(
         self, batch: Batch, reward: Tensor, following: Callable[[], squashed_gaussian.Sample]

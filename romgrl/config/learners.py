@@ -89,6 +89,9 @@ class Student:
     )
     learning_rate_decay: bool = key("true: all learning rates fall linearly to zero over the second half")
     gamma: float = key("discount factor", above=0, high=1)
+    n_steps: int = key(
+        "steps whose rewards a critic's target sums up before the value of the state that follows", low=1, high=32
+    )
     tau: float = key("share of the critics copied into their targets at each update", above=0, high=1)
     policy_delay: int = key("critic updates from one time that the policy is due to the next", low=1, high=10**6)
     policy_updates: int = key(

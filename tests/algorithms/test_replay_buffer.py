@@ -38,10 +38,38 @@ def test_transitions_belong_together(steps: int) -> None:
     env, time = batch.observation.T
     torch.testing.assert_close(batch.next_observation, torch.stack((env, time + 1), -1))
     torch.testing.assert_close(batch.action[:, 0], env * 100 + time)
-    torch.testing.assert_close(batch.task_reward, env + time)
-    torch.testing.assert_close(batch.windows, batch.observation)
+    torch.testing.assert_close(batch.task_reward[:, 0], env + time)
+    torch.testing.assert_close(batch.windows[:, 0], batch.observation)
     assert set(env.tolist()) == {0.0, 1.0, 2.0, 3.0}
     assert len(set(time.tolist())) == len(buffer) // 4
+
+
+@pytest.mark.parametrize("steps", [10, 40])
+def test_steps_in_a_row_end_with_a_fall_a_truncation_and_the_newest_step(steps: int) -> None:
+    """Against the story told step by step; env 1 falls every fifth step, env 2 is truncated every sixth."""
+    buffer = make(64, n_steps=3)
+    for t in range(steps):
+        now, envs = torch.tensor([[env, t] for env in range(4)], dtype=torch.float32), torch.arange(4)
+        fell, cut = (envs == 1) & (t % 5 == 4), (envs == 2) & (t % 6 == 5)
+        following = now + torch.tensor([0.0, 1.0])
+        buffer.add(now, now[:, :1], following, 10.0 * t + envs, fell.float(), cut, now, 100.0 * t + envs)
+    batch = buffer.sample(3000)
+    for row in range(3000):
+        env, start = (int(value) for value in batch.observation[row])
+        last = start
+        while last < start + 2 and last < steps - 1 and not (env == 1 and last % 5 == 4):
+            if env == 2 and (last + 1) % 6 == 5:
+                break
+            last += 1
+        count = last - start + 1
+        assert batch.counts[row].tolist() == [1.0] * count + [0.0] * (3 - count)
+        assert batch.next_observation[row].tolist() == [env, last + 1]
+        assert float(batch.terminated[row]) == (env == 1 and last % 5 == 4)
+        times = torch.arange(start, last + 1, dtype=torch.float32)
+        torch.testing.assert_close(batch.task_reward[row, :count], 10 * times + env)
+        torch.testing.assert_close(batch.imitation_reward[row, :count], 100 * times + env)
+        torch.testing.assert_close(batch.windows[row, :count, 1], times)
+    assert {int(count) for count in batch.counts.sum(1)} == {1, 2, 3}
 
 
 def test_truncated_transitions_are_never_drawn() -> None:

@@ -50,10 +50,11 @@ def make_batch(size: int = 16) -> Batch:
         draw(size, 3),
         draw(size, 2).tanh(),
         draw(size, 3),
-        draw(size),
         terminated,
-        draw(size, 5),
-        draw(size),
+        torch.ones((size, 1)),
+        draw(size, 1),
+        draw(size, 1, 5),
+        draw(size, 1),
     )
 
 
@@ -90,14 +91,15 @@ def critic_by_hand(critic: StackedMLP, inputs: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize(("join", "reduce"), [("minimum", np.min), ("mean", np.mean)])
 def test_bellman_target(join: str, reduce: Callable[..., np.ndarray]) -> None:
-    """y = r + gamma (1 - terminated) (Q' - alpha log pi), with networks evaluated in numpy."""
+    """y = r + gamma^n (1 - terminated) (Q' - alpha log pi), with networks evaluated in numpy."""
     sac = SAC(**{**SETTINGS, "critic_target": join})
     batch, reward, noise = make_batch(), torch.linspace(-1, 1, 16), torch.randn(16, 2)
+    batch.counts = (torch.arange(3) <= torch.arange(16)[:, None] % 3).float()
     drawn = sac.sample(batch.next_observation, noise, "test")
     target = sac.bellman_target(batch, reward, drawn).numpy()
     values = critic_by_hand(sac.target, torch.cat((batch.next_observation, drawn.action), -1).numpy())
     soft = reduce(values, axis=0) - 0.2 * drawn.log_probability.numpy()
-    expected = reward.numpy() + 0.9 * (1 - batch.terminated.numpy()) * soft
+    expected = reward.numpy() + 0.9 ** (1 + np.arange(16) % 3) * (1 - batch.terminated.numpy()) * soft
     np.testing.assert_allclose(target, expected, atol=1e-5)
     np.testing.assert_allclose(target[::4], reward.numpy()[::4], atol=1e-7)
 
@@ -192,7 +194,7 @@ def test_same_seed_gives_the_same_weights_with_one_lane_and_two(simultaneous: bo
         with second_lane(lanes == 2) as lane:
             sac, batch = SAC(**{**SETTINGS, "simultaneous": simultaneous}, lane=lane), make_batch()
             for _ in range(50):
-                sac.update(batch, batch.task_reward)
+                sac.update(batch, batch.task_reward[:, 0])
         weights.append(torch.cat((sac.policy.flat, sac.critic.flat)))
     assert torch.equal(weights[0], weights[1])
     assert torch.equal(weights[0], weights[2])
@@ -202,10 +204,10 @@ def test_policy_sees_the_critics_of_before_only_where_gradients_are_simultaneous
     changed = []
     for simultaneous in (False, True):
         sac, batch = SAC(**{**SETTINGS, "simultaneous": simultaneous, "critic_learning_rate": 0.0}), make_batch()
-        sac.update(batch, batch.task_reward)
+        sac.update(batch, batch.task_reward[:, 0])
         still = sac.policy.flat.clone()
         sac = SAC(**{**SETTINGS, "simultaneous": simultaneous, "critic_learning_rate": 0.5})
-        sac.update(batch, batch.task_reward)
+        sac.update(batch, batch.task_reward[:, 0])
         changed.append(not torch.equal(still, sac.policy.flat))
     assert changed == [True, False]
 

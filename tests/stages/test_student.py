@@ -268,7 +268,7 @@ def test_a_stored_reward_is_what_the_discriminator_said_when_the_step_was_taken(
     assert len({float(rewards[0]) for rewards in said}) > 80  # the discriminator learned between them
     drawn = buffer.sample(64)
     reward, metrics = learners[0]._reward(drawn)
-    torch.testing.assert_close(reward, 0.5 * drawn.task_reward + 0.5 * drawn.imitation_reward)
+    torch.testing.assert_close(reward, (0.5 * drawn.task_reward + 0.5 * drawn.imitation_reward)[:, 0])
     assert float(metrics["imitation_reward"]) == pytest.approx(float(drawn.imitation_reward.mean()))
     stored_on_one_thread |= found if threads == 1 else {}
     assert all(torch.equal(stored_on_one_thread[name], found[name]) for name in stored_on_one_thread)

@@ -34,6 +34,7 @@ def build_student_learner(
         action_size=env.model.nu,
         window_size=layout.size,
         seed=config.seed,
+        n_steps=student.n_steps,
         device=config.device,
         mirror_observation=env.mirror_observation if student.mirror else None,
         mirror_action=env.mirror_action if student.mirror else None,
