@@ -124,9 +124,9 @@ class RomGrl:
         return self.stop_seen and not seen
 
     def _reward(self, batch: Batch) -> tuple[Tensor, Metrics]:
-        """Sum of gamma^k r_k over the steps that count, (B,), with r = eta r_env + (1 - eta) r_im (paper, J(pi)) and the
-        discriminator as it is now."""
-        weights = batch.counts * self.sac.gamma ** self.buffer.ahead
+        """Sum of gamma^k r_k over the steps that count, (B,), with r = eta r_env + (1 - eta) r_im (paper, J(pi)) and
+        the discriminator as it is now."""
+        weights = batch.counts * self.sac.gamma**self.buffer.ahead
         if self.discriminator is None:
             return (weights * self.eta * batch.task_reward).sum(1), {"task_reward": batch.task_reward.mean()}
         imitation = batch.imitation_reward
