@@ -218,7 +218,8 @@ class ReplayBuffer:
 
 def _rows(ring: Tensor, index: Tensor) -> Tensor:
     # index_select: a sixth of the time of ring[index]
-    return ring.flatten(0, 1).index_select(0, index.flatten()).unflatten(0, index.shape)
+    flat = ring.flatten(0, 1)
+    return flat.index_select(0, index.flatten()).view(*index.shape, *flat.shape[1:])
 
 
 def _mirror_half(values: Tensor, mirror: Mirror | None) -> None:
