@@ -18,6 +18,7 @@ from rich.console import Console
 from romgrl.artifacts import load_arrays, load_tensors, open_artifact
 from romgrl.config.schema import OPTIONAL_STAGES, STAGES, Config
 from romgrl.config.values import schema_keys
+from romgrl.gait.features import ALIGNMENTS
 from romgrl.humanoid import model
 from romgrl.pipeline import run as pipeline
 from romgrl.pipeline import worker
@@ -136,7 +137,7 @@ def test_every_artifact_verifies(smoke: dict[str, Any]) -> None:
         "reference": {"reference.npz"},
         "student": {"policy.safetensors", "curve.csv"},
         "baseline": {"policy.safetensors", "curve.csv"},
-        "evaluation": {"rollouts.npz", "mse.csv", "distances.csv", "gait.csv"},
+        "evaluation": {"rollouts.npz", "mse.csv", "distances.csv", "gait.csv", "null_models.csv"},
         "report": set(),
     }
     assert set(smoke["finished"]) == set(STAGES)
@@ -168,7 +169,7 @@ def test_tables_have_the_fixed_names(smoke: dict[str, Any]) -> None:
         rows = list(csv.DictReader(file))
     assert list(rows[0])[:5] == ["channel", "alignment", "baseline", "student", "reduction_percent"]
     assert [(row["channel"], row["alignment"]) for row in rows] == [
-        (channel, alignment) for alignment in ("aligned", "raw") for channel in CHANNELS
+        (channel, alignment) for alignment in ALIGNMENTS for channel in CHANNELS
     ]
     with (evaluation / "gait.csv").open(newline="", encoding="utf-8") as file:
         assert [next(iter(row.values())) for row in csv.DictReader(file)] == ["teacher", "student", "baseline"]

@@ -2,7 +2,8 @@
 
     mmd          maximum mean discrepancy over runs of a few frames (`romgrl.gait.mmd`), squared, no unit
     wasserstein  first Wasserstein distance of each channel's values, m: the area between both distribution functions
-    dtw          dynamic time warping of the scored windows after the common shift (`romgrl.gait.dtw`)
+    dtw          dynamic time warping of the scored windows over the nearest window of all the reference's episodes
+                 (`romgrl.gait.dtw`)
 
 The first two do not know when a frame came, the third does. `all` sums up the five channels: for wasserstein their mean
 in standard deviations of the teacher, for dtw the distance itself, likewise; the channels of dtw are its parts in m.
@@ -17,13 +18,13 @@ import pandas as pd
 from scipy.stats import wasserstein_distance
 
 from romgrl.gait.alignment import (
-    SMALLEST_VARIANCE,
     Alignment,
     against_itself,
     align,
     comparable,
     last_windows,
     objection,
+    variances,
 )
 from romgrl.gait.dtw import warped_distance
 from romgrl.gait.features import ALL, CHANNELS, Floats, Gait
@@ -78,9 +79,8 @@ def measure_distances(*, reference: Gait, student: Gait, baseline: Gait, window:
 
 def scale_of(episodes: list[Floats], window: int) -> TeacherScale:
     """What the distances need of the reference; one episode alone is cut into windows."""
-    cut = episodes if len(episodes) > 1 else np.array_split(episodes[0], max(1, len(episodes[0]) // window))
-    windows, frames = last_windows(list(cut), window), np.concatenate(episodes)
-    mean, deviation = frames.mean(axis=0), np.sqrt(np.maximum(frames.var(axis=0), SMALLEST_VARIANCE))
+    windows, frames = last_windows(_blocks(episodes, window), window), np.concatenate(episodes)
+    mean, deviation = frames.mean(axis=0), np.sqrt(variances(episodes))
     bandwidth = median_distance(points((windows - mean) / deviation))
     return TeacherScale(episodes, windows, mean, deviation, bandwidth)
 
@@ -94,13 +94,20 @@ def from_teacher(windows: Floats, teacher: TeacherScale, seed: int) -> tuple[dic
     return {("mmd", ALL): mmd, **apart, **warped([align(windows, teacher.episodes)], teacher)}, p
 
 
-def of_teacher(teacher: TeacherScale, window: int, seed: int) -> tuple[dict[Row, float], float]:
-    """The same of one half of the teacher's episodes from the other; of a single episode, of its halves."""
-    windows = teacher.standardised(teacher.windows)
-    mmd, p = mmd_test(windows[0::2], windows[1::2], teacher.bandwidth, seed)
-    episodes = teacher.episodes if len(teacher.episodes) > 1 else np.array_split(teacher.episodes[0], 2)
-    apart = wasserstein(np.concatenate(episodes[0::2]), np.concatenate(episodes[1::2]), teacher.deviation)
-    return {("mmd", ALL): mmd, **apart, **warped(against_itself(teacher.episodes, window), teacher)}, p
+def of_teacher(
+    teacher: TeacherScale, window: int, seed: int, made: list[Floats] | None = None
+) -> tuple[dict[Row, float], float]:
+    """The same of one half of the teacher's episodes from the other; of a single episode, of its halves.
+
+    made: episodes made of the teacher's, one for one, the first half of which is compared in their place.
+    """
+    made = teacher.episodes if made is None else made
+    first, second = _blocks(made, window)[0::2], _blocks(teacher.episodes, window)[1::2]
+    mine, others = (teacher.standardised(last_windows(side, window)) for side in (first, second))
+    mmd, p = mmd_test(mine, others, teacher.bandwidth, seed)
+    first, second = _parts(made, 2)[0::2], _parts(teacher.episodes, 2)[1::2]
+    apart = wasserstein(np.concatenate(first), np.concatenate(second), teacher.deviation)
+    return {("mmd", ALL): mmd, **apart, **warped(against_itself(teacher.episodes, window, made=made), teacher)}, p
 
 
 def wasserstein(frames: Floats, others: Floats, deviation: Floats) -> dict[Row, float]:
@@ -121,3 +128,12 @@ def warped(pairs: list[Alignment], teacher: TeacherScale) -> dict[Row, float]:
 def _by_channel(distance: str, values: Floats, together: float) -> dict[Row, float]:
     rows = {(distance, channel): float(value) for channel, value in zip(CHANNELS, values, strict=True)}
     return {**rows, (distance, ALL): together}
+
+
+def _blocks(episodes: list[Floats], window: int) -> list[Floats]:
+    return _parts(episodes, max(1, len(episodes[0]) // window))
+
+
+def _parts(episodes: list[Floats], count: int) -> list[Floats]:
+    """The episodes; one alone is cut into so many parts."""
+    return episodes if len(episodes) > 1 else list(np.array_split(episodes[0], count))

@@ -18,7 +18,11 @@ from numpy.typing import NDArray
 
 from romgrl.gait.symmetry import unsigned
 
-ALIGNMENTS = ("aligned", "raw")  # with one time shift of all channels, and with none
+ALIGNMENTS = {
+    "aligned": "nearest window of all episodes",
+    "one_episode": "one shift within one episode",
+    "raw": "no shift",
+}  # what a window is laid over in the reference, in words; all channels are shifted together
 ALL = "all"  # channels together
 CHANNELS = ("pelvis_y", "left_foot_x", "left_foot_z", "right_foot_x", "right_foot_z")
 MIRROR = unsigned((0, 3, 4, 1, 2))

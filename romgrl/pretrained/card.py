@@ -8,10 +8,11 @@ import pandas as pd
 
 from romgrl.artifacts import Manifest
 from romgrl.config.values import show
-from romgrl.report.tables import distance_table, error_table, gait_table, markdown
+from romgrl.report.tables import distance_table, error_table, gait_table, markdown, null_models_table
 from romgrl.results.evaluation_index import FinishedEvaluation
 from romgrl.runtime.stage_log import format_duration
 
+SCORED_BY = ("mse", "gait", "distances", "null_models")
 CARD_TEXT = """# Model card: the pretrained teacher, student and baseline of romgrl
 
 Written by `python -m romgrl.pretrained` from the manifests of the artifacts and the tables of their evaluation.
@@ -41,6 +42,9 @@ training has drawn; the last {window} steps count.
 {errors}
 {gaits}
 {distances}
+Beside walkers that learned nothing (docs/method.md says what they are):
+
+{nulls}
 ## Limits
 
 - One training each (seed {seed}): other seeds give other gaits; README.md has a table of some.
@@ -57,7 +61,7 @@ MIT, as all of romgrl.
 def write_card(evaluation: FinishedEvaluation, manifests: Mapping[str, Manifest]) -> str:
     """The card in Markdown."""
     student, scored = manifests["student"].config, evaluation.manifest.config
-    tables = {name: pd.read_csv(evaluation.directory / f"{name}.csv") for name in ("mse", "gait", "distances")}
+    tables = {name: pd.read_csv(evaluation.directory / f"{name}.csv") for name in SCORED_BY}
     return CARD_TEXT.format(
         speed=show(student["speed"]),
         teacher_speed=show(student["teacher.speed"]),
@@ -75,6 +79,7 @@ def write_card(evaluation: FinishedEvaluation, manifests: Mapping[str, Manifest]
         errors=markdown(error_table(tables["mse"])),
         gaits=markdown(gait_table(tables["gait"])),
         distances=markdown(distance_table(tables["distances"])),
+        nulls=markdown(null_models_table(tables["null_models"])),
     )
 
 

@@ -32,6 +32,14 @@ def shipped(stage: str) -> Manifest:
         ) from error
 
 
+def shipped_digest(stage: str) -> str | None:
+    """The digest of the artifact that ships for a stage; None where it is not there, or damaged."""
+    try:
+        return shipped(stage).digest
+    except ArtifactError:
+        return None
+
+
 def require_shipped(config: Config) -> None:
     """Raise ArtifactError unless every walker that a configuration takes from the package is there, and whole."""
     for stage in GROUPS:

@@ -21,8 +21,9 @@ class Stage:
     `doc`: a line of the help. `function`: module:function that makes its artifact. `upstream`: the stages it reads.
     `depends`: keys and groups of the configuration that change what it makes. `knobs`: keys in the title of its run, by
     their labels. `tables`: its CSV files that MLflow shows, with the columns that name a row. `metrics`, `printed`:
-    module:function from its directory to numbers of a run, and to what ends a job on the terminal. `drawn`: it makes
-    pictures. `optional`: it is made only where it is asked for by name; no stage reads it.
+    module:function from its directory to numbers of a run, and to what ends a job on the terminal. `beside`: what ships
+    trained and is compared with. `drawn`: it makes pictures. `optional`: it is made only where it is asked for by name;
+    no stage reads it.
     """
 
     doc: str
@@ -33,6 +34,7 @@ class Stage:
     tables: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     metrics: str | None = None
     printed: str | None = None
+    beside: tuple[str, ...] = ()
     drawn: bool = False
     optional: bool = False
 
@@ -79,10 +81,16 @@ STAGES: dict[str, Stage] = {
         "student and baseline scored against the reference",
         "romgrl.stages.evaluation:run",
         ("reference", "student", "baseline"),
-        ("evaluation", "humanoid", "student.alpha", "teacher.speed", "speed", "seed"),
-        tables={"mse.csv": ("channel", "alignment"), "distances.csv": ("distance", "channel"), "gait.csv": ("walker",)},
+        ("evaluation", "humanoid", "student.alpha", "rom", "teacher", "reference", "speed", "seed"),
+        tables={
+            "mse.csv": ("channel", "alignment"),
+            "distances.csv": ("distance", "channel"),
+            "gait.csv": ("walker",),
+            "null_models.csv": ("measure", "channel", "walker"),
+        },
         metrics="romgrl.report.terminal_tables:result_metrics",
         printed="romgrl.report.terminal_tables:result_tables",
+        beside=("teacher",),
     ),
     "report": Stage(
         "page, tables, figures and films",

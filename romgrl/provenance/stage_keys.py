@@ -13,7 +13,7 @@ from romgrl.config.schema import Config
 from romgrl.config.values import value_of
 from romgrl.config.worlds import Humanoid
 from romgrl.errors import ArtifactError
-from romgrl.provenance.shipped import GROUPS, is_pretrained, shipped
+from romgrl.provenance.shipped import GROUPS, is_pretrained, shipped, shipped_digest
 from romgrl.provenance.source_digest import source_digest
 from romgrl.provenance.stage_graph import STAGES
 from romgrl.provenance.versions import computing_versions
@@ -97,7 +97,8 @@ def stage_function(stage: str, config: Config) -> str:
 def stage_key(stage: str, config: Config, upstream: Mapping[str, str]) -> str:
     """SHA-256 (16 hexadecimal digits) over all that decides what a stage makes.
 
-    That is the stage's settings, its code, the versions of what computes, and the digests of the artifacts it reads.
+    That is the stage's settings, its code, the versions of what computes, the digests of the artifacts it reads, and
+    of what ships that it compares with.
     """
     document = {
         "stage": stage,
@@ -105,5 +106,6 @@ def stage_key(stage: str, config: Config, upstream: Mapping[str, str]) -> str:
         "sources": source_digest(stage_function(stage, config), drawing=STAGES[stage].drawn),
         "versions": computing_versions(),
         "upstream": dict(upstream),
+        "beside": {name: shipped_digest(name) for name in STAGES[stage].beside},
     }
     return hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()[:16]

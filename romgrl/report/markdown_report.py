@@ -9,24 +9,34 @@ import pandas as pd
 
 from romgrl.gait.measures import MEANINGS
 from romgrl.report.human_band_figure import human_table
-from romgrl.report.tables import definitions, distance_table, error_table, gait_table, markdown
+from romgrl.report.tables import definitions, distance_table, error_table, gait_table, markdown, null_models_table
 
 HOW_OBTAINED = {
     "error": "mean squared error per channel over the last {window} steps of every episode without a fall, laid over "
-    "the window of the teacher's reference (within one of its episodes) with the least error, all five channels "
-    "shifted by the same time and weighted by their variance; mean over episodes. Raw: over the reference's first "
-    "window",
+    "the window of the teacher's reference with the least error, all five channels shifted by the same time and "
+    "weighted by their variance; mean over episodes. Nearest window of all episodes: sought in all of the reference; "
+    "one shift within one episode: in one of its episodes at a time, mean over them; no shift: its first window",
     "teacher floor": "the same error of the teacher's episodes against its other episodes",
+    "other teacher": "the teacher that ships, trained with another seed, on the same reduced-order model",
+    "teacher, stretched": "the teacher played at the student's cadence, against its other episodes",
+    "sinusoid": "no body, but cosines at the teacher's cadence (the pelvis at twice that) with its means, amplitudes "
+    "and phases, the feet in antiphase",
+    "statue": "a body frozen in the teacher's mean pose",
     "mmd": "squared maximum mean discrepancy (unbiased, so it can be below zero) between the scored windows and the "
     "teacher's, over runs of four frames in the teacher's standard deviations; Gaussian kernel, the teacher's median "
     "distance as its width; p: share of 2,000 exchanges of whole episodes that give as much",
     "wasserstein": "first Wasserstein distance between the values of a channel, whenever they came; all channels: mean "
     "in standard deviations of the teacher",
-    "dtw": "what dynamic time warping within 10 % of the window leaves of the aligned windows, one warping for all "
-    "channels: mean distance along it, all channels together in standard deviations of the teacher",
+    "dtw": "what dynamic time warping within 10 % of the window leaves over the nearest window of all episodes, one "
+    "warping for all channels: mean distance along it, all channels together in standard deviations of the teacher",
     "reduction": "100 (1 - student / baseline); the average is the mean of the five reductions, as in the paper",
     **MEANINGS,
 }
+
+NULL_MODELS_SAID = (
+    "Student and baseline beside walkers that learned nothing, all scored in the same way. A number that a statue has, "
+    "too, says nothing of a gait; the teacher against itself is the best that can be hoped for."
+)
 
 
 @dataclass(frozen=True)
@@ -48,6 +58,7 @@ def document(
     errors: pd.DataFrame,
     distances: pd.DataFrame,
     gaits: pd.DataFrame,
+    nulls: pd.DataFrame,
     facts: Facts,
     pictures: Sequence[str],
     films: Sequence[str],
@@ -59,6 +70,7 @@ def document(
         f"## Error against the teacher\n\n{markdown(error_table(errors))}\n{remarks(errors)}",
         "## Distance from the teacher\n\nBy measures that no training has seen.\n\n"
         + markdown(distance_table(distances)),
+        f"## What a null model scores\n\n{NULL_MODELS_SAID}\n\n{markdown(null_models_table(nulls))}",
         f"## Gait\n\n{markdown(gait_table(gaits))}",
         f"## Human adults at this speed\n\n{humans(facts.speed)}",
         "## Pictures\n\n" + "\n\n".join(f"![{name}]({name}.png)" for name in pictures) + "\n",

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from romgrl.gait.features import ALIGNMENTS, ALL, CHANNELS
 from romgrl.gait.measures import MEASURES
+from romgrl.gait.null_models import AVERAGE, MEAN_ERROR, OVER_VARIANCE, REDUCTIONS, SCORED
 from romgrl.report.terminal_tables import result_metrics, with_falls, with_weakest
 
 MOST_FALLS = 50.0  # percent of the episodes; a walker that falls more often has no error and no distance either
@@ -28,8 +29,10 @@ def objective_names(stage: str) -> list[str]:
     names = [
         *product(("average", *CHANNELS), ALIGNMENTS, (*walkers, FLOOR, "reduction_percent")),
         ("weakest", "aligned", "reduction_percent"),
-        *product(DISTANCES, [ALL], (*walkers, FLOOR)),
+        *product(DISTANCES, [ALL], (FLOOR, *SCORED)),
         *product(["mmd"], [ALL], ("student_p", "baseline_p", "floor_p")),
+        *product(REDUCTIONS.values(), (AVERAGE, MEAN_ERROR), SCORED),
+        *product([OVER_VARIANCE], [AVERAGE], SCORED),
         *product(("teacher", *walkers), MEASURES),
     ]
     return ["/".join(name) for name in names]

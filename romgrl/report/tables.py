@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import pandas as pd
 
+from romgrl.gait.features import ALIGNMENTS, ALL
 from romgrl.gait.measures import MEASURES
+from romgrl.gait.null_models import AVERAGE, MEAN_ERROR, OVER_VARIANCE, REDUCTIONS
 from romgrl.report.markdown_table import markdown_table
 from romgrl.report.numbers import fixed, measured, significant
 from romgrl.report.style import CHANNEL_LABELS
 
 ERROR_DECIMALS = 5  # m²
 DISTANCE_DECIMALS = 4
+DISTANCE_LABELS = {
+    "mmd": ("MMD²", 4),
+    "wasserstein": ("Wasserstein-1 [SD of the teacher]", 3),
+    "dtw": ("DTW [SD of the teacher]", 3),
+}  # and decimals
+NULL_LABELS = {"teacher": "teacher (floor)", "other_teacher": "other teacher", "stretched": "teacher, stretched"}
 
 
 def markdown(table: pd.DataFrame) -> str:
@@ -39,13 +47,13 @@ def is_number(value: object) -> bool:
 
 
 def error_table(errors: pd.DataFrame) -> pd.DataFrame:
-    """mse.csv for reading: aligned beside raw, channels by name, one row each."""
-    table = pd.DataFrame({"channel": [*CHANNEL_LABELS.values(), "average"]})
-    for alignment in ("aligned", "raw"):
-        rows = errors[errors.alignment == alignment].set_index("channel").loc[[*CHANNEL_LABELS, "average"]]
-        for column, label in (("baseline", "baseline"), ("student", "student"), ("teacher_floor", "teacher floor")):
-            table[f"{label}, {alignment} [m²]"] = [fixed(float(value), ERROR_DECIMALS) for value in rows[column]]
-        table[f"reduction, {alignment} [%]"] = [fixed(float(value), 1) for value in rows["reduction_percent"]]
+    """mse.csv for reading: one row per channel and what it was laid over, channels by name."""
+    table = pd.DataFrame(
+        {"laid over": errors.alignment.map(ALIGNMENTS), "channel": errors.channel.replace(CHANNEL_LABELS)}
+    )
+    for column in ("baseline", "student", "teacher_floor"):
+        table[f"{column.replace('_', ' ')} [m²]"] = [fixed(float(value), ERROR_DECIMALS) for value in errors[column]]
+    table["reduction [%]"] = [fixed(float(value), 1) for value in errors["reduction_percent"]]
     return table
 
 
@@ -59,6 +67,29 @@ def distance_table(distances: pd.DataFrame) -> pd.DataFrame:
     for column in ("baseline_p", "student_p", "floor_p"):
         table[column.replace("_", " ")] = [fixed(float(value), DISTANCE_DECIMALS) for value in distances[column]]
     return table
+
+
+def null_models_table(nulls: pd.DataFrame) -> pd.DataFrame:
+    """null_models.csv for reading: one row per number, one column per walker; a dash for what is not there."""
+    values = nulls.set_index(["walker", "measure", "channel"])["value"]
+    walkers = list(dict.fromkeys(nulls.walker))
+    rows = [
+        [label, *(fixed(float(values.get((walker, measure, channel), float("nan"))), decimals) for walker in walkers)]
+        for measure, channel, label, decimals in null_rows()
+    ]
+    return pd.DataFrame(rows, columns=["", *(NULL_LABELS.get(name, name) for name in walkers)])
+
+
+def null_rows() -> Iterator[tuple[str, str, str, int]]:
+    """Yield measure, channel, label and decimals of each row of the null models' table."""
+    yield OVER_VARIANCE, AVERAGE, "error over variance, mean", 2
+    for channel, label in CHANNEL_LABELS.items():
+        yield OVER_VARIANCE, channel, f"error over variance, {label}", 2
+    for alignment, over in ALIGNMENTS.items():
+        yield REDUCTIONS[alignment], AVERAGE, f"reduction, {over}: mean of the channels' [%]", 1
+        yield REDUCTIONS[alignment], MEAN_ERROR, f"reduction, {over}: of the mean error [%]", 1
+    for distance, (label, decimals) in DISTANCE_LABELS.items():
+        yield distance, ALL, label, decimals
 
 
 def gait_table(gaits: pd.DataFrame) -> pd.DataFrame:

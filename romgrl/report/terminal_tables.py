@@ -16,6 +16,7 @@ from romgrl.provenance.stage_graph import STAGES
 from romgrl.report.numbers import UNKNOWN, measured, significant
 
 Rows = list[dict[str, str]]
+TOGETHER = ("distances.csv", "null_models.csv")  # of which only what all channels come to together is a number of a run
 DISTANCES_SHOWN = ("baseline", "student", "teacher_floor", "baseline_p", "student_p")
 GROWING = ("push_forward", "push_backward", "observation_noise")
 HALF = 0.5
@@ -46,17 +47,18 @@ def result_tables(evaluation: Path) -> list[Table]:
 
 
 def result_metrics(evaluation: Path) -> dict[str, float]:
-    """Every finite number of errors and gaits, and the distances of all channels together.
+    """Every finite number of errors and gaits, and the distances and null models of all channels together.
 
-    Named pelvis_y/aligned/student, mmd/all/student_p, student/mean_speed_m_per_s and so on.
+    Named pelvis_y/aligned/student, mmd/all/student_p, student/mean_speed_m_per_s, mmd/all/statue and so on.
     """
     metrics: dict[str, float] = {}
     for name, names in STAGES["evaluation"].tables.items():
         for row in read_rows(evaluation / name):
-            if name == "distances.csv" and row["channel"] != ALL:
+            if name in TOGETHER and row["channel"] in CHANNELS:
                 continue
             prefix = "/".join(row.pop(column) for column in names)
-            metrics |= {f"{prefix}/{column}": number(cell) for column, cell in row.items() if column != "unit"}
+            named = {"value": prefix} | {column: f"{prefix}/{column}" for column in row if column != "value"}
+            metrics |= {named[column]: number(cell) for column, cell in row.items() if column != "unit"}
     return {name: value for name, value in metrics.items() if math.isfinite(value)}
 
 
@@ -114,17 +116,20 @@ def read_rows(path: Path) -> Rows:
 
 
 def terminal_error_table(rows: Rows) -> Table:
-    """One row per channel: baseline, student and reduction, aligned and raw; notes below."""
+    """One row per channel: baseline, student and reduction by alignment; below what these are, and notes."""
     notes = dict.fromkeys(row["note"] for row in rows if row.get("note", "ok") != "ok")
-    table = Table(title="Error against the reference (m^2)", title_justify="left", caption="\n".join(notes) or None)
+    shown = [alignment for alignment in ALIGNMENTS if any(row["alignment"] == alignment for row in rows)]
+    caption = "\n".join((", ".join(f"{each.replace('_', ' ')}: {ALIGNMENTS[each]}" for each in shown), *notes))
+    table = Table(title="Error against the reference (m^2)", title_justify="left", caption=caption)
     table.add_column("channel", no_wrap=True)
-    for alignment in ALIGNMENTS:
+    for alignment in shown:
         for column in ERRORS_SHOWN:
-            table.add_column(f"{alignment}\n{column.replace('reduction_percent', 'reduction %')}", justify="right")
+            header = f"{alignment}\n{column.replace('reduction_percent', 'reduction %')}"
+            table.add_column(header.replace("_", " "), justify="right")
     cells = {(row["channel"], row["alignment"]): [short(row[column]) for column in ERRORS_SHOWN] for row in rows}
     for channel in dict.fromkeys(row["channel"] for row in rows):
-        found = [cells.get((channel, alignment), [""] * len(ERRORS_SHOWN)) for alignment in ALIGNMENTS]
-        table.add_row(channel, *found[0], *found[1])
+        found = [cells.get((channel, alignment), [""] * len(ERRORS_SHOWN)) for alignment in shown]
+        table.add_row(channel, *(cell for several in found for cell in several))
     return table
 
 

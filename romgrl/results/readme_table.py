@@ -8,10 +8,12 @@ from pathlib import Path
 import pandas as pd
 
 from romgrl.errors import ArtifactError
-from romgrl.gait.features import CHANNELS
+from romgrl.gait.distances import FLOOR
+from romgrl.gait.features import ALIGNMENTS, ALL, CHANNELS
+from romgrl.gait.null_models import AVERAGE, MEAN_ERROR, OVER_VARIANCE, REDUCTIONS
 from romgrl.report.numbers import fixed
 from romgrl.report.style import CHANNEL_LABELS
-from romgrl.report.tables import markdown
+from romgrl.report.tables import DISTANCE_LABELS, markdown
 from romgrl.results.results_document import CLAIMED, merged
 from romgrl.results.sweep_cells import JobResult, results
 from romgrl.results.sweep_record import sweeps
@@ -29,7 +31,19 @@ README_ROWS = {
         f"{channel}/aligned/reduction_percent": (f"aligned error, {CHANNEL_LABELS[channel]}: reduction [%]", 1)
         for channel in CHANNELS
     },
+    "average/one_episode/reduction_percent": (f"error, {ALIGNMENTS['one_episode']}, average: reduction [%]", 1),
     "average/raw/reduction_percent": ("raw error, average: reduction [%]", 1),
+    f"{REDUCTIONS['aligned']}/{MEAN_ERROR}/student": ("aligned error, mean of the channels: reduction [%]", 1),
+    f"{REDUCTIONS['aligned']}/{AVERAGE}/sinusoid": ("the same average of a sinusoid [%]", 1),
+    f"{REDUCTIONS['aligned']}/{AVERAGE}/statue": ("the same average of a statue [%]", 1),
+    **{f"{walker}/{OVER_VARIANCE}": (f"{walker}: error over variance", 2) for walker in ("student", "baseline")},
+    f"teacher/{OVER_VARIANCE}": ("teacher against itself: error over variance", 2),
+    **{f"{OVER_VARIANCE}/{AVERAGE}/{null}": (f"{null}: error over variance", 2) for null in ("sinusoid", "statue")},
+    **{
+        f"{distance}/{ALL}/{column}": (f"{walker}: {label}", decimals)
+        for distance, (label, decimals) in DISTANCE_LABELS.items()
+        for column, walker in (("student", "student"), ("baseline", "baseline"), (FLOOR, "teacher against itself"))
+    },
     "teacher/stride_frequency_hz": ("teacher: strides [Hz]", 2),
     **{
         f"{walker}/{name}": (f"{walker}: {label}", decimals)

@@ -13,22 +13,28 @@ import pandas as pd
 
 from romgrl.artifacts import Manifest
 from romgrl.errors import ArtifactError
+from romgrl.gait.distances import FLOOR
 from romgrl.gait.features import CHANNELS
 from romgrl.gait.measures import SWEPT
+from romgrl.gait.null_models import AVERAGE, MEAN_ERROR, OVER_VARIANCE, REDUCTIONS, SCORED
 from romgrl.report.terminal_tables import result_metrics, robustness_metrics, with_falls
 from romgrl.results.evaluation_index import TEACHER, Catalogue, FinishedEvaluation, catalogue, read_evaluation
 from romgrl.results.statistics import improvement_interval, probability_of_improvement, summarize
 from romgrl.results.sweep_record import JobEnd, Sweep, settings
 
 SEED_KEY = "seed"
-ERROR_NUMBERS = [f"{channel}/aligned" for channel in (*CHANNELS, "average")] + ["average/raw"]
+ERROR_NUMBERS = [f"{channel}/aligned" for channel in (*CHANNELS, "average")] + ["average/one_episode", "average/raw"]
 BASELINE = "average/aligned/baseline"  # missing where too many of the baseline's episodes fell
 DISTANCE_NUMBERS = ["mmd/all", "wasserstein/all", "dtw/all"]
 SUMMARISED = ("student", "baseline", "teacher", TEACHER)
+NULLS = [walker for walker in SCORED if walker not in SUMMARISED[:2]]
 NUMBERS = [
     *(f"{name}/reduction_percent" for name in ERROR_NUMBERS),
     "weakest/aligned/reduction_percent",
-    *(f"{name}/{walker}" for name in [*ERROR_NUMBERS, *DISTANCE_NUMBERS] for walker in SUMMARISED[:2]),
+    *(f"{name}/{walker}" for name in [*ERROR_NUMBERS, *DISTANCE_NUMBERS] for walker in (*SUMMARISED[:2], FLOOR)),
+    *(f"{measure}/{AVERAGE}/{walker}" for measure in (OVER_VARIANCE, *REDUCTIONS.values()) for walker in NULLS),
+    *(f"{measure}/{MEAN_ERROR}/{walker}" for measure in REDUCTIONS.values() for walker in ("student", *NULLS)),
+    *(f"{name}/{walker}" for name in DISTANCE_NUMBERS for walker in NULLS),
     *(f"{walker}/{name}" for walker in SUMMARISED for name in SWEPT),
     "student/stride_frequency_deviation_percent",
 ]
@@ -163,7 +169,7 @@ def number_row(several: list[JobResult], measure: str) -> dict[str, Any]:
 
 def improvement(several: list[JobResult], measure: str) -> dict[str, float]:
     """Probability that the student's error or distance is below the baseline's."""
-    if not measure.endswith("/student"):
+    if not measure.endswith("/student") or measure.partition("/")[0] in REDUCTIONS.values():
         return {}
     other = measure.removesuffix("student") + "baseline"
     ours, theirs = (

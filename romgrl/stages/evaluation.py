@@ -12,12 +12,16 @@ import pandas as pd
 
 from romgrl.artifacts import save_arrays
 from romgrl.config.schema import Config
-from romgrl.gait.alignment import aligned_phase_lag, error_over_variance, mse_table
+from romgrl.errors import ArtifactError
+from romgrl.gait.alignment import aligned_phase_lag, error_over_variance, mse_table, scored_episodes
 from romgrl.gait.distances import measure_distances
 from romgrl.gait.features import CHANNELS, Gait, gait_from_reference, gait_from_rollouts
 from romgrl.gait.metrics import describe
+from romgrl.gait.null_models import AVERAGE, OVER_VARIANCE, ScoredWalker, null_models
+from romgrl.gait.null_table import null_table
 from romgrl.runtime.stage_log import StageLog
 from romgrl.stages.rollouts.humanoid import roll_out
+from romgrl.stages.rollouts.other_teacher import other_teacher
 from romgrl.stages.wiring.artifact_arrays import WALKERS, read_reference
 from romgrl.stages.wiring.humanoid import humanoid_env
 from romgrl.stages.wiring.seeds import EVALUATION_SEED
@@ -25,7 +29,10 @@ from romgrl.stages.wiring.walker_policy import read_walker
 
 
 def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog) -> None:
-    """Write rollouts.npz, mse.csv, distances.csv and gait.csv. Both walkers start from the same states."""
+    """Write rollouts.npz, mse.csv, distances.csv, gait.csv and null_models.csv.
+
+    Student and baseline start from the same states.
+    """
     evaluation = config.evaluation
     reference = read_reference(inputs["reference"], config, steps=evaluation.window)
     env = humanoid_env(config, num_envs=evaluation.episodes, episode_steps=evaluation.steps + 1)
@@ -56,7 +63,27 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
     errors.to_csv(output / "mse.csv", index=False)
     distances.to_csv(output / "distances.csv", index=False)
     table.to_csv(output / "gait.csv", index=False)
+    nulls = score_null_models(config, gaits, table, log)
+    nulls.to_csv(output / "null_models.csv", index=False)
     log_summary(errors, table, log)
+    log_null_models(nulls, log)
+
+
+def score_null_models(
+    config: Config, gaits: Mapping[str, Gait], table: pd.DataFrame, log: StageLog
+) -> pd.DataFrame:
+    """null_models.csv of teacher, student and baseline, which gait.csv describes; says which rows there cannot be."""
+    window, reference = config.evaluation.window, gaits["teacher"].upright_episodes
+    cadence, target = table.set_index("walker").stride_frequency_hz[["teacher", "student"]]
+    models, absent = null_models(reference, gaits["teacher"].dt, cadence, target, window)
+    try:
+        models["other_teacher"] = ScoredWalker(other_teacher(config, reference))
+    except ArtifactError as error:
+        absent["other_teacher"] = str(error)
+    for name, reason in absent.items():
+        log.message(f"no null model {name}: {reason}")
+    walkers = {name: ScoredWalker(scored_episodes(name, gaits[name], window)) for name in WALKERS}
+    return null_table(walkers | models, reference, window=window, seed=config.seed)
 
 
 def describe_walkers(
@@ -94,3 +121,10 @@ def log_summary(errors: pd.DataFrame, table: pd.DataFrame, log: StageLog) -> Non
         log.message(f"error against the teacher reduced by {percent.aligned:.1f} % (no shift: {percent.raw:.1f} %)")
     else:
         log.message(f"error against the teacher: {errors.note.iloc[0]}")
+
+
+def log_null_models(nulls: pd.DataFrame, log: StageLog) -> None:
+    """One line: what walkers that learned nothing score."""
+    errors = nulls[(nulls.measure == OVER_VARIANCE) & (nulls.channel == AVERAGE)]
+    told = ", ".join(f"{row.walker} {row.value:.2f}" for row in errors.itertuples())
+    log.message(f"error over variance, one shift within one episode: {told}")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -12,12 +11,9 @@ from romgrl.artifacts import save_arrays
 from romgrl.config.schema import Config
 from romgrl.errors import ArtifactError
 from romgrl.gait.features import CHANNELS, Gait
-from romgrl.gait.recording import record
 from romgrl.gait.reference_check import check_reference
 from romgrl.runtime.stage_log import StageLog
-from romgrl.stages.wiring.rom import rom_env
-from romgrl.stages.wiring.seeds import REFERENCE_SEED
-from romgrl.stages.wiring.teacher_policy import read_teacher
+from romgrl.stages.rollouts.teacher import roll_out_teacher
 
 
 def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog) -> None:
@@ -26,13 +22,7 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
     With `reference.check` false an unfit one is written, too, falls and all.
     """
     reference = config.reference
-    kept = math.ceil(reference.steps / reference.episodes)
-    steps = reference.warmup_steps + kept
-    env = rom_env(config, num_envs=reference.episodes, episode_steps=steps + 1)
-    policy = read_teacher(inputs["teacher"], config, env)
-    gait = record(env, policy, steps=steps, seed=config.seed + REFERENCE_SEED, dt=env.dt)
-    env.close()
-    gait.valid[:, : reference.warmup_steps] = False
+    gait = roll_out_teacher(inputs["teacher"], config)
     try:
         log.metrics(check_reference(gait), reference.steps)
         log.message(f"{reference.steps} steps in {reference.episodes} episodes, fit to be imitated")

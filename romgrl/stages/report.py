@@ -15,6 +15,7 @@ from romgrl.artifacts import MANIFEST, read_manifest
 from romgrl.config.schema import Config
 from romgrl.gait.alignment import align, last_windows
 from romgrl.gait.features import Gait, gait_from_reference, gait_from_rollouts
+from romgrl.gait.null_models import NULL_COLUMNS
 from romgrl.humanoid.model import configured
 from romgrl.humanoid.rendering import RenderingError, SideCamera
 from romgrl.humanoid.skeleton import skeleton_of
@@ -39,12 +40,13 @@ FILM_TIME = 6.0  # s at the end of the recorded episode
 
 
 def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog) -> None:
-    """Write the figures (PNG and PDF), mse.md, distances.md, gait.md, three films, report.md and report.html."""
+    """Write the figures (PNG and PDF), the tables (Markdown), three films, report.md and report.html."""
     model = configured(config.humanoid)
     rollouts = read_rollouts(inputs["evaluation"], config, model.nq + model.nv)
     errors = read_table(inputs["evaluation"] / "mse.csv", ERROR_COLUMNS)
     distances = read_table(inputs["evaluation"] / "distances.csv", DISTANCE_COLUMNS)
     gaits = read_table(inputs["evaluation"] / "gait.csv", GAIT_COLUMNS)
+    nulls = read_table(inputs["evaluation"] / "null_models.csv", NULL_COLUMNS)
     pictures = draw_figures(config, inputs, rollouts, errors)
     pictures["gait"] = human_band_figure.gait_bands(gaits, config.speed)
     states = {name: rollouts[f"{name}_states"] for name in WALKERS}
@@ -69,12 +71,13 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
     (output / "mse.md").write_text(tables.markdown(tables.error_table(errors)), encoding="utf-8")
     (output / "distances.md").write_text(tables.markdown(tables.distance_table(distances)), encoding="utf-8")
     (output / "gait.md").write_text(tables.markdown(tables.gait_table(gaits)), encoding="utf-8")
+    (output / "null_models.md").write_text(tables.markdown(tables.null_models_table(nulls)), encoding="utf-8")
     facts = collect_facts(config, inputs)
     (output / "report.md").write_text(
-        markdown_report.document(errors, distances, gaits, facts, list(pictures), films), encoding="utf-8"
+        markdown_report.document(errors, distances, gaits, nulls, facts, list(pictures), films), encoding="utf-8"
     )
     report_page.write_page(
-        config, inputs, output, model=model, rollouts=rollouts, errors=errors, gaits=gaits, facts=facts
+        config, inputs, output, model=model, rollouts=rollouts, errors=errors, gaits=gaits, nulls=nulls, facts=facts
     )
     log.message(markdown_report.summary(errors, gaits))
 

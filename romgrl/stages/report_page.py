@@ -21,6 +21,7 @@ from romgrl.report.page import charts, html, scene, tables, training_charts
 from romgrl.report.page.intervals import error_intervals
 from romgrl.report.page.strides import stride_average
 from romgrl.report.style import COLORS, WALKER_LABELS
+from romgrl.report.tables import null_models_table
 from romgrl.stages.wiring.artifact_arrays import WALKERS, read_reference, read_table
 from romgrl.stages.wiring.rom import rom_parameters
 
@@ -38,6 +39,7 @@ def write_page(
     rollouts: Mapping[str, NDArray[Any]],
     errors: pd.DataFrame,
     gaits: pd.DataFrame,
+    nulls: pd.DataFrame,
     facts: markdown_report.Facts,
 ) -> None:
     """Write report.html beside the other files of the report."""
@@ -48,10 +50,10 @@ def write_page(
     averages = {name: stride_average(gait) for name, gait in {"teacher": teacher, **walkers}.items()}
     there = {name: average for name, average in averages.items() if average is not None}
     intervals = error_intervals(teacher, walkers, config.evaluation.window)
-    aligned = errors[errors.alignment == "aligned"].merge(intervals, on="channel", sort=False)
+    known = errors.merge(intervals.assign(alignment="aligned"), on=["channel", "alignment"], how="left", sort=False)
     health = read_health(inputs["student"] / "health.json")
     sections = gait_charts(tracks, there, teacher.dt) | curves_of_training(config, inputs, health)
-    sections["errors"] = [charts.error_chart(aligned)]
+    sections["errors"] = [charts.error_chart(known[known.alignment == "aligned"])]
     manifests = {name: read_manifest(inputs[name]) for name in SHOWN_STAGES if (inputs[name] / MANIFEST).is_file()}
     parts = scene.segments(model, skeleton_of(model).right_side)
     html.render_page(
@@ -69,7 +71,9 @@ def write_page(
         walkers=[name for name in ("student", "baseline", "teacher") if name in tracks],
         gait_walkers=[str(name) for name in gaits.walker],
         gait_rows=tables.gait_rows(gaits, config.speed),
-        error_rows=tables.error_rows(aligned),
+        error_rows=tables.error_rows(known),
+        nulls=null_models_table(nulls),
+        nulls_said=markdown_report.NULL_MODELS_SAID,
         remarks=markdown_report.remarks(errors),
         speed=f"{config.speed:g}",
         health=health,

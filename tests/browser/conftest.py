@@ -42,7 +42,7 @@ def page_file(compose_config: Composer, tmp_path_factory: pytest.TempPathFactory
     inputs = write_run(folder, steps=STEPS)
     config = compose_config("experiment=smoke", "threads=1", "speed=4", f"paths.outputs={folder}/outputs")
     config.evaluation = replace(config.evaluation, episodes=EPISODES, steps=STEPS, window=100)
-    tables = {name: pd.read_csv(inputs["evaluation"] / f"{name}.csv") for name in ("mse", "gait")}
+    tables = {name: pd.read_csv(inputs["evaluation"] / f"{name}.csv") for name in ("mse", "gait", "null_models")}
     model = build()
     rollouts = read_rollouts(inputs["evaluation"], config, model.nq + model.nv)
     facts = report.collect_facts(config, inputs)
@@ -54,6 +54,7 @@ def page_file(compose_config: Composer, tmp_path_factory: pytest.TempPathFactory
         rollouts=rollouts,
         errors=tables["mse"],
         gaits=tables["gait"],
+        nulls=tables["null_models"],
         facts=facts,
     )
     return folder / report_page.PAGE_FILE

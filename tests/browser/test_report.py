@@ -141,7 +141,7 @@ def test_every_curve_has_data(opened: Page) -> None:
     assert len(found) == 28
     assert all(traces > 0 and paths > 0 for _, traces, paths in found), found
     assert opened.locator("#channel-pelvis_y .scatterlayer .trace").count() == 3
-    assert opened.locator("table").count() == 4
+    assert opened.locator("table").count() == 5
     assert "c0ffee" in opened.locator("main").inner_text()
     assert "standing still from step 20,480 to 40,960" in opened.locator("main").inner_text()
 

@@ -19,7 +19,8 @@ from romgrl.errors import ArtifactError
 from romgrl.gait.features import CHANNELS
 from romgrl.humanoid import model
 from romgrl.humanoid.model import configured
-from romgrl.stages import evaluation, reference, report, student
+from romgrl.stages import evaluation, report, student
+from romgrl.stages.rollouts import teacher as teacher_rollouts
 from tests.helpers.stage_inputs import STEPS, Arrays, Bench, teacher
 from tests.helpers.walkers import write_walker
 
@@ -48,7 +49,7 @@ def taller(bench: Bench) -> None:
     write_walker(bench.inputs["student"] / "policy.safetensors", humanoid=model.identity(configured(other.humanoid)))
 
 
-WORK = ((student, "train_student"), (evaluation, "roll_out"), (reference, "record"), (report, "draw_figures"))
+WORK = ((student, "train_student"), (evaluation, "roll_out"), (teacher_rollouts, "record"), (report, "draw_figures"))
 
 
 Spoil = Callable[[Bench], object]
@@ -222,6 +223,12 @@ CASES: dict[str, tuple[str, str, Spoil, str]] = {
         lambda b: mse(b, lambda table: table.drop(columns=["teacher_floor", "unit"]), "distances"),
         "no column teacher_floor, unit",
     ),
+    "no column of null models": (
+        "report",
+        "evaluation/null_models.csv",
+        lambda b: mse(b, lambda table: table.drop(columns="measure"), "null_models"),
+        "no column measure",
+    ),
     "no rows": ("report", "evaluation/gait.csv", lambda b: mse(b, lambda table: table[:0], "gait"), "no rows"),
     "an empty table": (
         "report",
@@ -235,12 +242,7 @@ CASES: dict[str, tuple[str, str, Spoil, str]] = {
 def test_every_misfit_is_named_before_any_training(
     smoke_config: Config, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for module, name in (
-        (student, "train_student"),
-        (evaluation, "roll_out"),
-        (reference, "record"),
-        (report, "draw_figures"),
-    ):
+    for module, name in WORK:
         monkeypatch.setattr(module, name, lambda *_, **__: pytest.fail("it was used"))
     named = 0
     for case, (stage, file, spoil, message) in CASES.items():
@@ -252,7 +254,7 @@ def test_every_misfit_is_named_before_any_training(
         assert message in str(caught.value), f"{case}: {caught.value}"
         assert (len(str(caught.value).splitlines()), caught.value.exit_code) == (1, 3)
         named += 1
-    assert named == len(CASES) == 43
+    assert named == len(CASES) == 44
     print(f"{named} of {len(CASES)} artifacts that do not fit named")
 
 
@@ -263,12 +265,7 @@ def test_what_fits_is_used(smoke_config: Config, tmp_path: Path, monkeypatch: py
     def used(*_: object, **__: object) -> None:
         raise ZeroDivisionError
 
-    for module, name in (
-        (student, "train_student"),
-        (evaluation, "roll_out"),
-        (reference, "record"),
-        (report, "draw_figures"),
-    ):
+    for module, name in WORK:
         monkeypatch.setattr(module, name, used)
     with pytest.raises(ZeroDivisionError):
         Bench(smoke_config, tmp_path / "bench").run(stage)

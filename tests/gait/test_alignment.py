@@ -13,6 +13,10 @@ def gait(features: Floats, fallen: int = 0) -> Gait:
     return Gait(features, valid, np.arange(len(features)) < fallen, DT)
 
 
+def floor(reference: list[Floats], over: str = "aligned") -> Floats:
+    return alignment.mean_error(reference, reference, 100, over, own=True)
+
+
 def brute_force(window: Floats, reference: list[Floats]) -> tuple[float, Floats]:
     """Least variance-normalised error and the channel errors at it, by three plain loops."""
     variance = np.concatenate(reference).var(axis=0)
@@ -73,12 +77,16 @@ def test_raw_uses_the_first_window() -> None:
 def test_floor_of_a_periodic_teacher_is_zero_and_of_a_noisy_one_twice_its_variance() -> None:
     features, _ = run(episodes=3, steps=400, frequency=1.5)  # 20 steps per stride, start phases on the grid:
     exact = [features[0, shift : shift + 350] for shift in (0, 7, 13)]
-    np.testing.assert_allclose(alignment.floor(exact, 100), 0.0, atol=1e-24)
-    np.testing.assert_allclose(alignment.floor(exact[:1], 100), 0.0, atol=1e-24)
+    np.testing.assert_allclose(floor(exact), 0.0, atol=1e-24)
+    np.testing.assert_allclose(floor(exact[:1]), 0.0, atol=1e-24)
+    np.testing.assert_allclose(floor([features[0]] * 3, "one_episode"), 0.0, atol=1e-24)
+    opposed = floor([features[0, :300], features[0, 10:310]], "raw")  # half a stride apart: twice the swing off
+    np.testing.assert_allclose(opposed[1], 4 * features[0, :20, 1].var(), rtol=1e-9)
     rng = np.random.default_rng(0)
     noisy = [e + 0.01 * rng.standard_normal(e.shape) for e in exact]
-    np.testing.assert_allclose(alignment.floor(noisy, 100), 2e-4, rtol=0.25)  # the best of many: a little below
-    assert np.isnan(alignment.floor([features[0, :120]], 100)).all()
+    np.testing.assert_allclose(floor(noisy), 2e-4, rtol=0.25)  # the best of many: a little below
+    assert np.isnan(floor([features[0, :120]])).all()
+    assert np.isnan(floor(exact[:1], "one_episode")).all()
 
 
 def test_table_has_the_fixed_columns_and_the_papers_average() -> None:
@@ -89,8 +97,8 @@ def test_table_has_the_fixed_columns_and_the_papers_average() -> None:
         baseline[..., channel] += 0.3
     table = alignment.mse_table(reference=gait(reference), student=gait(student), baseline=gait(baseline), window=100)
     assert list(table.columns[:5]) == ["channel", "alignment", "baseline", "student", "reduction_percent"]
-    assert list(table.channel) == [*CHANNELS, "average"] * 2
-    assert list(table.alignment) == ["aligned"] * 6 + ["raw"] * 6
+    assert list(table.channel) == [*CHANNELS, "average"] * 3
+    assert list(table.alignment) == ["aligned"] * 6 + ["one_episode"] * 6 + ["raw"] * 6
     rows = table[table.alignment == "aligned"].set_index("channel")
     # constant offsets: the best shift may trade phase for offset, so compare against brute force
     episodes = list(reference)
@@ -177,6 +185,21 @@ def test_error_over_variance_lies_over_one_episode_at_a_time() -> None:
     query = Gait(ramp[None, 80:120], np.ones((1, 40), bool), np.zeros(1, bool), DT)
     found = alignment.error_over_variance(query, gait(np.stack((ramp[:100], ramp[100:]))), 40)
     np.testing.assert_allclose(found, 20.0**2 / ramp[:, 0].var())
+
+
+def test_the_nearest_window_of_all_episodes_is_no_further_than_that_of_one() -> None:
+    reference, _ = run(episodes=3, steps=300, noise=0.02)
+    walker = run(episodes=2, steps=200, frequency=1.8, seed=1)[0]
+    table = alignment.mse_table(
+        reference=gait(reference), student=gait(walker), baseline=gait(walker + 0.1), window=100
+    )
+    nearest, one = (table[table.alignment == name].set_index("channel") for name in ("aligned", "one_episode"))
+    over = alignment.variances(list(reference))
+    for numbers in ("student", "teacher_floor"):
+        weighted = [(rows.loc[[*CHANNELS], numbers] / over).mean() for rows in (nearest, one)]
+        assert weighted[0] < weighted[1]
+    found = alignment.error_over_variance(gait(walker), gait(reference), 100)
+    np.testing.assert_allclose(one.loc[[*CHANNELS], "student"] / over, found, rtol=1e-12)
 
 
 def test_an_episode_is_not_laid_over_itself() -> None:

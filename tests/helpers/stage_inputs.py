@@ -14,6 +14,7 @@ from romgrl.algorithms import ppo
 from romgrl.artifacts import load_tensors, save_arrays, save_tensors
 from romgrl.config.schema import Config
 from romgrl.gait.features import CHANNELS
+from romgrl.gait.null_models import NULL_COLUMNS
 from romgrl.humanoid import model
 from romgrl.humanoid.model import configured
 from romgrl.runtime.stage_log import SilentLog
@@ -90,6 +91,7 @@ class Bench:
         self.table("mse", pd.DataFrame([["average", "raw", 1.0, 1.0, 0.0, 0.0, "ok"]], columns=columns))
         columns = ["walker", "episodes", "falls", "steady_speed_m_per_s", "stride_frequency_hz", "trunk_lean_deg"]
         self.table("distances", pd.DataFrame([["mmd", "all", *[0.0] * 6, "1", "ok"]], columns=DISTANCE_COLUMNS))
+        self.table("null_models", pd.DataFrame([["statue", "mmd", "all", 1.0]], columns=NULL_COLUMNS))
         self.table("gait", pd.DataFrame([["student", 1, 0, 4.0, 1.7, 5.0]], columns=columns))
 
     def table(self, name: str, table: pd.DataFrame) -> None:

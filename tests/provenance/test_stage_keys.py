@@ -13,6 +13,7 @@ from romgrl.config.schema import Config
 from romgrl.errors import ArtifactError
 from romgrl.humanoid.digest import stable
 from romgrl.humanoid.own_body import human_spec
+from romgrl.provenance import shipped
 from romgrl.provenance.stage_graph import STAGES
 from romgrl.provenance.stage_keys import body_digests, require_same_body, stage_key
 from tests.conftest import Composer
@@ -54,6 +55,16 @@ MESH = "v 0 0 0\nv 0.1 0 0\nv 0 0.1 0\nv 0 0 0.1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2
 def test_which_key_changes_what(compose_config: Composer, override: str) -> None:
     before, after = all_keys(compose_config()), all_keys(compose_config(override))
     assert {stage for stage in STAGES if before[stage] != after[stage]} == TABLE[override]
+
+
+def test_the_teacher_that_ships_counts_where_it_is_compared_with(
+    compose_config: Composer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = all_keys(compose_config())
+    monkeypatch.setattr(shipped, "PLACE", tmp_path)
+    assert shipped.shipped_digest("teacher") is None  # nothing is there: the row is missing, the job is not refused
+    after = all_keys(compose_config())
+    assert {stage for stage in STAGES if before[stage] != after[stage]} == {"evaluation", "report"}
 
 
 def different(value: object) -> object:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 from dataclasses import replace
 from pathlib import Path
 
@@ -219,3 +220,13 @@ def test_stage_without_opengl(
     assert all(f"({name}.png)" in text for name in names)
     assert (output / "mse.md").read_text(encoding="utf-8") in text
     assert (output / "distances.md").read_text(encoding="utf-8") in text
+    nulls = (output / "null_models.md").read_text(encoding="utf-8")
+    assert f"## What a null model scores\n\n{markdown_report.NULL_MODELS_SAID}\n\n{nulls}" in text
+    assert "|  | teacher (floor) | teacher, stretched | student | sinusoid | statue | baseline |" in nulls
+    page = (output / "report.html").read_text(encoding="utf-8")
+    assert "What a null model scores" in page
+    for line in nulls.splitlines()[2:]:
+        cells = [html.escape(cell.strip(), quote=False) for cell in line.split("|")[1:-1]]
+        assert f"<th>{cells[0]}</th>{''.join(f'<td>{cell}</td>' for cell in cells[1:])}</tr>" in page.replace(
+            "&#39;", "'"
+        )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
@@ -14,9 +15,10 @@ from romgrl.config.schema import Config
 from romgrl.errors import StorageError
 from romgrl.results import results_document, statistics, sweep_tables
 from romgrl.results.__main__ import main
-from romgrl.results.readme_table import END, START
+from romgrl.results.readme_table import END, START, runs_table
 from romgrl.results.results_document import public
-from romgrl.results.sweep_record import SWEEP_VARIABLE
+from romgrl.results.sweep_cells import results
+from romgrl.results.sweep_record import SWEEP_VARIABLE, read_sweep
 from tests.results.chains import changed
 from tests.results.test_sweep_tables import swept
 
@@ -81,6 +83,28 @@ def test_every_sweep_with_its_command_its_tables_and_its_proofs(default_config: 
     assert "old" not in table
     assert "| mean (smallest to largest) | 4 m/s, 4 seeds | 1 m/s, 2 seeds, teacher of 4 m/s |" in table
     assert "| aligned error, average: reduction [%] | 84.7 (84.0 to 85.4) |" in table
+    assert "| student: MMD² | - | - |" in table  # these evaluations have no such numbers
+    assert "| statue: error over variance | - | - |" in table
+
+
+def test_the_readmes_table_has_distances_floors_and_null_models(default_config: Config, tmp_path: Path) -> None:
+    stored(tmp_path, default_config, "a", "paper", {"seed": ["0"]})
+    (job,) = results(read_sweep(tmp_path / "sweeps" / "a"), tmp_path)
+    numbers = {"mmd/all/student": 0.00612, "mmd/all/teacher_floor": -0.0003, "dtw/all/baseline": 1.3018}
+    numbers |= {"student/error_over_variance": 0.1651, "teacher/error_over_variance": 0.0767}
+    numbers |= {"error_over_variance/average/statue": 0.9744, "aligned_reduction_percent/average/statue": 65.22}
+    numbers |= {"aligned_reduction_percent/mean_error/student": 97.583}
+    table = runs_table([replace(job, numbers=numbers)])
+    shown = dict(zip(table.iloc[:, 0], table.iloc[:, 1], strict=True))
+    assert shown["student: MMD²"] == "0.0061"
+    assert shown["teacher against itself: MMD²"] == "-0.0003"
+    assert shown["baseline: DTW [SD of the teacher]"] == "1.302"
+    assert shown["student: error over variance"] == "0.17"
+    assert shown["teacher against itself: error over variance"] == "0.08"
+    assert shown["statue: error over variance"] == "0.97"
+    assert shown["the same average of a statue [%]"] == "65.2"
+    assert shown["aligned error, mean of the channels: reduction [%]"] == "97.6"
+    assert shown["student: DTW [SD of the teacher]"] == "-"
 
 
 def test_a_second_writing_replaces_the_first(default_config: Config, tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -15,13 +16,16 @@ from numpy.typing import NDArray
 from romgrl.artifacts import load_arrays, save_arrays
 from romgrl.config.schema import Config
 from romgrl.errors import ArtifactError
+from romgrl.gait.null_models import NULL_COLUMNS
 from romgrl.humanoid.loads import Loads, replay
 from romgrl.humanoid.model import build, configured, dimensions, fingerprint
 from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import evaluation
 from romgrl.stages.rollouts import humanoid
 from romgrl.stages.rollouts.humanoid import roll_out
+from romgrl.stages.rollouts.other_teacher import other_teacher
 from romgrl.stages.wiring.artifact_arrays import DISTANCE_COLUMNS
+from tests.conftest import Composer
 from tests.helpers.synthetic_gait import DT, run
 from tests.helpers.walkers import write_walker
 
@@ -135,7 +139,7 @@ def test_stage_writes_the_fixed_files(smoke_config: Config, tmp_path: Path) -> N
         assert len(rollouts[f"{name}_states"]) == max(1, upright.sum(axis=1).max())
     np.testing.assert_array_equal(rollouts["student_states"][0], rollouts["baseline_states"][0])  # the same resets
     errors, gaits = pd.read_csv(tmp_path / "mse.csv"), pd.read_csv(tmp_path / "gait.csv")
-    assert len(errors) == 12
+    assert len(errors) == 18
     distances = pd.read_csv(tmp_path / "distances.csv")
     assert set(distances) >= set(DISTANCE_COLUMNS)
     assert distances.teacher_floor[distances.distance != "mmd"].notna().all()  # mmd: two episodes on each side
@@ -145,7 +149,34 @@ def test_stage_writes_the_fixed_files(smoke_config: Config, tmp_path: Path) -> N
     assert teacher.stride_frequency_hz == pytest.approx(1.75, rel=0.01)
     assert teacher.phase_lag_s == pytest.approx(0.0, abs=1e-6)
     assert (gaits.target_speed_m_per_s == 4.0).all()
-    assert len(log.messages) == 3
+    nulls = pd.read_csv(tmp_path / "null_models.csv")
+    assert list(nulls) == [*NULL_COLUMNS]
+    assert list(dict.fromkeys(nulls.walker))[:1] == ["teacher"]
+    assert set(nulls.walker) >= {"teacher", "student", "sinusoid", "statue", "baseline"}
+    scores = nulls[nulls.measure == "error_over_variance"].set_index(["walker", "channel"])["value"]
+    assert scores["teacher", "average"] == pytest.approx(0.0, abs=0.02)
+    assert scores["statue", "left_foot_x"] == pytest.approx(1.0, rel=0.05)
+    absent = [text for text in log.messages if text.startswith("no null model other_teacher: ")]
+    assert absent == [
+        "no null model other_teacher: the teacher that ships was trained with teacher.hidden_sizes "
+        "[128, 128], not [32, 32]"
+    ]
+    assert "statue" in log.messages[-1]
+
+
+def test_another_seeds_teacher_is_the_one_that_ships(compose_config: Composer, tmp_path: Path) -> None:
+    """It is no row where it is the one in use, walks another model or is damaged."""
+    config = compose_config("reference.steps=240", "reference.episodes=2", "reference.warmup_steps=60", "threads=1")
+    features, _ = run(episodes=2, steps=120, frequency=1.75)
+    found = other_teacher(config, list(features))
+    assert [episode.shape for episode in found] == [(120, 5)] * 2
+    assert np.ptp(found[0][:, 1]) > 0.5  # its feet swing
+    with pytest.raises(ArtifactError, match="the teacher that ships is the one in use"):
+        other_teacher(config, [episode[:100] + 1e-5 for episode in found])
+    with pytest.raises(ArtifactError, match=r"trained with teacher.speed 4.0, not 1.0"):
+        other_teacher(replace(config, teacher=replace(config.teacher, speed=1.0)), list(features))
+    with pytest.raises(ArtifactError, match=r"trained with rom.stiffness 14000.0, not 9000.0"):
+        other_teacher(replace(config, rom=replace(config.rom, stiffness=9000.0)), list(features))
 
 
 def test_a_reference_that_does_not_fit_is_refused(smoke_config: Config, tmp_path: Path) -> None:

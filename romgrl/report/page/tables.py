@@ -11,6 +11,7 @@ import pandas as pd
 
 from romgrl.artifacts import Manifest
 from romgrl.gait import human_bands
+from romgrl.gait.features import ALIGNMENTS
 from romgrl.gait.measures import MEASURES
 from romgrl.report.numbers import fixed, measured
 from romgrl.report.style import CHANNEL_LABELS
@@ -55,18 +56,19 @@ def gait_rows(gaits: pd.DataFrame, speed: float) -> list[GaitRow]:
     return found
 
 
-def error_rows(table: pd.DataFrame) -> list[list[str]]:
-    """Channel, baseline, student, reduction, teacher's floor; numbers with their intervals."""
-    return [
-        [
+def error_rows(table: pd.DataFrame) -> dict[str, list[list[str]]]:
+    """Channel, baseline, student, reduction, teacher's floor, by what they were laid over; numbers with intervals."""
+    found: dict[str, list[list[str]]] = {}
+    for row in table.to_dict("records"):
+        cells = [
             CHANNEL_LABELS.get(row["channel"], row["channel"]),
             _with_interval(row, "baseline", ERROR_DECIMALS),
             _with_interval(row, "student", ERROR_DECIMALS),
             _with_interval(row, "reduction_percent", 1),
             fixed(float(row["teacher_floor"]), ERROR_DECIMALS),
         ]
-        for row in table.to_dict("records")
-    ]
+        found.setdefault(ALIGNMENTS[row["alignment"]], []).append(cells)
+    return found
 
 
 def origin_rows(manifests: Mapping[str, Manifest]) -> list[dict[str, str]]:
