@@ -43,7 +43,7 @@ def test_a_sweep_goes_on_where_it_stopped_and_joins_its_jobs(command: Command, t
     assert [path.read_text(encoding="utf-8") for path in stored] == [
         (sweep.directory / "results" / "table.md").read_text(encoding="utf-8")
     ]
-    assert "| 0.3 | - | - | - | - | 50 |" in stored[0].read_text(encoding="utf-8")
+    assert "| 0.3 | - | - | - | - | - | 50 |" in stored[0].read_text(encoding="utf-8")
     assert stored[0].with_name("jobs.csv").exists()
 
 
