@@ -69,6 +69,7 @@ class SAC:
         policy_average: float,
         seed: int,
         policy_updates: int = 1,
+        initial_log_std: float | None = None,
         simultaneous: bool = False,
         lane: Executor | None = None,
         device: str = "cpu",
@@ -86,6 +87,8 @@ class SAC:
         critic: dict[str, Any] = {"inputs": observation_size + action_size, "outputs": 1, "stack": 2, **shape}
         self.policy, self.average = (StackedMLP(stack=1, **self.network, device=device) for _ in range(2))
         self.critic, self.target = (StackedMLP(**critic, device=device) for _ in range(2))
+        if initial_log_std is not None:
+            squashed_gaussian.start_at(self.policy.weights[-1], self.policy.biases[-1], initial_log_std)
         self.average.flat.copy_(self.policy.flat)
         self.target.flat.copy_(self.critic.flat)
         self.log_temperature = torch.tensor([math.log(initial_temperature)], device=device)
@@ -158,8 +161,7 @@ class SAC:
         return {"log_temperature": self.log_temperature} | {name: part.flat for name, part in networks.items()}
 
     def bellman_target(self, batch: Batch, reward: Tensor, following: squashed_gaussian.Sample) -> Tensor:
-        """y = r + gamma^n (1 - terminated) (Q'(s', a') - alpha log pi(a'|s')), (B,), with a' from `following`; r is the
-        return of the n steps up to s'."""
+        """y = r + gamma^n (1 - terminated) (Q'(s', a') - alpha log pi(a'|s')), (B,): return up to s', `following` a'."""
         inputs = torch.cat((batch.next_observation, following.action), -1)
         values = self.target.forward(inputs, self.target.kept_tape(len(inputs), "next_value")).squeeze(-1)
         value = values.amin(0) if self.critic_target == "minimum" else values.mean(0)

@@ -80,6 +80,11 @@ class Student:
     critic_learning_rate: float = key("Adam learning rate of the critics", above=0, high=1)
     temperature_learning_rate: float = key("Adam learning rate of the temperature", above=0, high=1)
     initial_temperature: float = key("first weight of the entropy", above=0, high=1e6)
+    initial_log_std: float | None = key(
+        "log standard deviation of the first policy, before the tanh; null: as its network begins, about -1.5",
+        low=-4.9,
+        high=1.9,
+    )
     target_entropy_scale: float = key("target entropy = - this x number of actions", above=0, high=1000)
     final_entropy_scale: float | None = key(
         "target_entropy_scale moves to this over the middle half of a training, so that what is learned at the end "

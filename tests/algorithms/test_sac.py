@@ -73,6 +73,14 @@ def test_log_density_is_a_density() -> None:
     assert density(0.3) == pytest.approx(by_hand, rel=1e-9)
 
 
+def test_a_first_policy_of_a_given_deviation() -> None:
+    sac, observation = SAC(**{**SETTINGS, "initial_log_std": math.log(0.15)}), torch.randn(500, 3)
+    drawn = sac.sample(observation, torch.zeros(500, 2), "test")
+    assert drawn.deviation.mean().item() == pytest.approx(0.15, rel=0.1)
+    assert drawn.deviation.std().item() < 0.02
+    assert torch.equal(sac.average.flat, sac.policy.flat)
+
+
 def test_log_density_far_out_stays_finite() -> None:
     pre_tanh = torch.tensor([[40.0, -40.0]])
     assert torch.isfinite(log_density(torch.zeros(1, 2), torch.zeros(1, 2), pre_tanh)).all()

@@ -16,6 +16,8 @@ from torch.nn import functional as F
 
 LOG_STD_MIN, LOG_STD_MAX = -5.0, 2.0
 HALF_RANGE = 0.5 * (LOG_STD_MAX - LOG_STD_MIN)
+STARTING_SLOPE = 0.1
+"""Of the weights that a head has for the deviations, which then hardly depend on what is observed."""
 
 
 @dataclass
@@ -44,6 +46,13 @@ def sample(head: Tensor, noise: Tensor) -> Sample:
     deviation = log_std.exp()
     pre_tanh = torch.addcmul(mean, deviation, noise)
     return Sample(torch.tanh(pre_tanh), log_density(noise, log_std, pre_tanh), noise, deviation, squashed)
+
+
+def start_at(weight: Tensor, bias: Tensor, log_std: float) -> None:
+    """Let a head, weight (S, I, 2 A) and bias (S, 1, 2 A), begin near one log standard deviation for all actions."""
+    actions = slice(bias.shape[-1] // 2, None)
+    bias[..., actions] = math.atanh((log_std - LOG_STD_MIN) / HALF_RANGE - 1)
+    weight[..., actions] *= STARTING_SLOPE
 
 
 def head_gradient(sample: Sample, by_action: Tensor, by_log_probability: Tensor) -> Tensor:

@@ -54,6 +54,7 @@ def build_student_learner(
         tau=student.tau,
         policy_delay=student.policy_delay,
         policy_updates=student.policy_updates,
+        initial_log_std=student.initial_log_std,
         critic_target=student.critic_target,
         policy_average=student.policy_average,
         simultaneous=student.simultaneous,
