@@ -161,7 +161,7 @@ class SAC:
         return {"log_temperature": self.log_temperature} | {name: part.flat for name, part in networks.items()}
 
     def bellman_target(self, batch: Batch, reward: Tensor, following: squashed_gaussian.Sample) -> Tensor:
-        """y = r + gamma^n (1 - terminated) (Q'(s', a') - alpha log pi(a'|s')), (B,): return up to s', `following` a'."""
+        """y = r + gamma^n (1 - terminated) (Q'(s', a') - alpha log pi(a'|s')), (B,): r up to s', `following` a'."""
         inputs = torch.cat((batch.next_observation, following.action), -1)
         values = self.target.forward(inputs, self.target.kept_tape(len(inputs), "next_value")).squeeze(-1)
         value = values.amin(0) if self.critic_target == "minimum" else values.mean(0)
