@@ -69,9 +69,7 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
     log_null_models(nulls, log)
 
 
-def score_null_models(
-    config: Config, gaits: Mapping[str, Gait], table: pd.DataFrame, log: StageLog
-) -> pd.DataFrame:
+def score_null_models(config: Config, gaits: Mapping[str, Gait], table: pd.DataFrame, log: StageLog) -> pd.DataFrame:
     """null_models.csv of teacher, student and baseline, which gait.csv describes; says which rows there cannot be."""
     window, reference = config.evaluation.window, gaits["teacher"].upright_episodes
     cadence, target = table.set_index("walker").stride_frequency_hz[["teacher", "student"]]
