@@ -30,7 +30,7 @@ def main(steps: int = 1500) -> np.ndarray:
         buffer.add(observation, action, following, *ended, no_window)
         observation, rewards[step] = following, reward.mean()
         for batch in buffer.sample(ENVS * BATCH).split(ENVS) if step >= START else ():
-            sac.update(batch, batch.task_reward)
+            sac.update(batch, batch.task_reward[:, 0])
     env.close()
     return rewards
 

@@ -189,7 +189,7 @@ def test_students_without_a_baseline_are_told_by_their_errors(default_config: Co
     sweep = swept(tmp_path, default_config, {"eta": ["0.3", "0.7"]}, baseline=math.nan)
     text = (write_joint(sweep, tmp_path) / "table.md").read_text(encoding="utf-8")
     row = next(line for line in text.splitlines() if line.startswith("| 0.7 |"))
-    assert [cell.strip() for cell in row.split("|")][2:5] == ["-", "-", "0.024"]
+    assert [cell.strip() for cell in row.split("|")][2:6] == ["-", "-", "-", "0.024"]
     assert row.endswith("| one seed, baseline falls |")
     assert text.partition("## Best jobs")[2].splitlines()[4].startswith("| 0.3 | 0 | - | 0.016 |")
     cells = pd.read_csv(tmp_path / "sweeps" / "2030-01-01" / "results" / "cells.csv")
