@@ -2,7 +2,9 @@
 
 import os
 
-import romgrl.humanoid  # noqa: F401 - MuJoCo, whatever MUJOCO_GL says
+from romgrl.humanoid.opengl import import_mujoco
+
+import_mujoco()  # before any row does, whatever MUJOCO_GL says
 
 USERS_ENVIRONMENT = dict(os.environ)
 """What the peers are started with."""

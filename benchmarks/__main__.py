@@ -56,7 +56,7 @@ def measure(name: str, options: Options) -> results.Row:
         row |= asdict(result) | {"reached": result.reached}
     except Unavailable as reason:
         row |= {"status": "skipped", "reason": str(reason)}
-    except Exception as error:  # one broken row must not cost the others
+    except Exception as error:  # a row may fail as it likes: hours of other rows are kept, and the exit code is 1
         traceback.print_exc()
         row |= {"status": "failed", "reason": f"{type(error).__name__}: {error}".splitlines()[0]}
     stamp = {"seconds": round(time.monotonic() - start, 1), "time": time.strftime("%Y-%m-%d %H:%M")}

@@ -89,6 +89,6 @@ def write_reference(directory: Path) -> Path:
     left, right = np.sin(phase), np.sin(phase + np.pi)
     columns = (0.9 + 0.04 * np.cos(2 * phase), 0.4 * left, -0.85 + 0.05 * left, 0.4 * right, -0.85 + 0.05 * right)
     features = np.stack(columns, axis=-1).astype(np.float32)
-    arrays = {"features": features, "episode": np.zeros(2000, np.int32), "dt": 1 / 30, "speed": 4.0}
+    arrays: dict[str, Any] = {"features": features, "episode": np.zeros(2000, np.int32), "dt": 1 / 30, "speed": 4.0}
     save_arrays(directory / "reference.npz", arrays)
     return directory

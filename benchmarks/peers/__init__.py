@@ -5,9 +5,10 @@ from __future__ import annotations
 import json
 import subprocess
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from types import TracebackType
-from typing import Any
+from typing import IO, Any
 
 from benchmarks import USERS_ENVIRONMENT
 from benchmarks.measure import Unavailable
@@ -25,21 +26,10 @@ def interpreter(environment: str) -> Path:
 
 
 class Peer:
-    """A script of this directory in a peer's environment; use as a context manager."""
+    """A running script of this directory; `settings` is what it says of itself."""
 
-    def __init__(self, environment: str, script: str, *, threads: int, **settings: Any) -> None:
-        self._errors = tempfile.TemporaryFile("w+", encoding="utf-8")  # noqa: SIM115 - closed with the peer
-        variables = {"OMP_NUM_THREADS": str(threads), "CUDA_VISIBLE_DEVICES": "", "PYTHONPATH": str(HERE.parents[1])}
-        self._process = subprocess.Popen(
-            [interpreter(environment), HERE / script, json.dumps({"threads": threads, **settings})],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=self._errors,
-            env=USERS_ENVIRONMENT | variables,
-            cwd=tempfile.gettempdir(),
-            text=True,
-            encoding="utf-8",
-        )
+    def __init__(self, process: subprocess.Popen[str], errors: IO[str]) -> None:
+        self._process, self._errors = process, errors
         self.settings: dict[str, Any] = self._answer()
 
     def measure(self) -> float:
@@ -59,12 +49,26 @@ class Peer:
             raise RuntimeError(f"the peer stopped: {' '.join(last) or 'without a word'}")
         return json.loads(line)
 
-    def __enter__(self) -> Peer:
-        return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._process.kill()
-        self._process.communicate()
-        self._errors.close()
+@contextmanager
+def started(environment: str, script: str, *, threads: int, **settings: Any) -> Iterator[Peer]:
+    """A peer's script while the block runs. Raises Unavailable where its environment is not built."""
+    command = [str(interpreter(environment)), str(HERE / script), json.dumps({"threads": threads, **settings})]
+    variables = {"OMP_NUM_THREADS": str(threads), "CUDA_VISIBLE_DEVICES": "", "PYTHONPATH": str(HERE.parents[1])}
+    with (
+        tempfile.TemporaryFile("w+", encoding="utf-8") as errors,
+        subprocess.Popen(
+            command,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=errors,
+            env=USERS_ENVIRONMENT | variables,
+            cwd=tempfile.gettempdir(),
+            text=True,
+            encoding="utf-8",
+        ) as process,
+    ):
+        try:
+            yield Peer(process, errors)
+        finally:
+            process.kill()

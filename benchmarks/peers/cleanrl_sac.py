@@ -14,13 +14,13 @@ import time
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import torch
 from serve import answer, settings, wait
 
 torch.set_num_threads(settings["threads"])
-torch.set_num_threads = lambda count: None  # type: ignore[assignment]  # newer versions of the script set their own
 CHECKOUT = os.environ.get("CLEANRL")
 WARM_UP = 20  # updates that are not measured, and at least 2 steps for the policy's turn
 
@@ -76,7 +76,7 @@ else:
     import gymnasium as gym
 
 
-class Stopwatch(gym.Env):  # type: ignore[misc, unused-ignore]  # gym, of old scripts, has no types
+class Stopwatch(gym.Env):
     """An environment of the humanoid's sizes whose observations are random and whose episodes do not end."""
 
     observation_space = gym.spaces.Box(-np.inf, np.inf, (settings["observation"],), np.float32)
@@ -102,8 +102,9 @@ gym.register("Stopwatch-v0", entry_point=Stopwatch)
 sys.argv = ["sac_continuous_action", "--env-id", "Stopwatch-v0", "--buffer-size", str(2 * settings["transitions"])]
 sys.argv += ["--learning-starts", str(settings["transitions"]), "--batch-size", str(settings["batch"])]
 file = script()
-if file is None:
-    runpy.run_module("cleanrl.sac_continuous_action", run_name="__main__")
-else:
-    sys.path.insert(0, str(CHECKOUT))
-    runpy.run_path(str(file), run_name="__main__")
+with patch.object(torch, "set_num_threads"):  # newer versions of the script set a number of their own
+    if file is None:
+        runpy.run_module("cleanrl.sac_continuous_action", run_name="__main__")
+    else:
+        sys.path.insert(0, str(CHECKOUT))
+        runpy.run_path(str(file), run_name="__main__")

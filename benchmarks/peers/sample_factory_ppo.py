@@ -23,17 +23,17 @@ from serve import serve, settings
 WARM_UP = 3  # training steps before the measured ones
 
 
-def from_inside(wrapper: gymnasium.Wrapper, name: str) -> Any:  # type: ignore[type-arg]  # no generics before 1.0
+def from_inside(wrapper: gymnasium.Wrapper[Any, Any, Any, Any], name: str) -> Any:
     """Attributes of the wrapped environment, as Gymnasium had them before 1.0, for which Sample Factory was written."""
     if name == "env" or name.startswith("_"):
         raise AttributeError(name)
     return getattr(wrapper.env, name)
 
 
-gymnasium.Wrapper.__getattr__ = from_inside  # type: ignore[attr-defined]  # gone since 1.0
+gymnasium.Wrapper.__getattr__ = from_inside
 
 
-class Worlds(gymnasium.Env):  # type: ignore[type-arg]  # no generics before 1.0
+class Worlds(gymnasium.Env[Any, Any]):
     """Sample Factory's batched environment: all worlds as agents of one."""
 
     def __init__(self, count: int) -> None:

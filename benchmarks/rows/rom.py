@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from benchmarks.measure import Options, Result, Unavailable, compare, rate
 from benchmarks.setup import configuration
+from romgrl.config.worlds import SpringLeg
 from romgrl.rom.parameters import SpringLegParameters
 from romgrl.rom.vector_env import SpringLegVectorEnv
 
@@ -122,4 +123,6 @@ def native(options: Options) -> Result:
 
 def default_engine(threads: int) -> dict[str, Any]:
     """Engine of the default configuration."""
-    return {"engine": configuration(threads=threads).rom.engine}
+    rom = configuration(threads=threads).rom
+    assert isinstance(rom, SpringLeg)
+    return {"engine": rom.engine}

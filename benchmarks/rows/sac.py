@@ -6,7 +6,7 @@ from typing import Any
 
 from benchmarks import flops, sgemm
 from benchmarks.measure import Options, Result, compare, rate
-from benchmarks.peers import Peer
+from benchmarks.peers import started
 from benchmarks.setup import PLAIN_SAC, Student, configuration, in_student_stage
 
 SIZES: dict[str, Any] = {"observation": 358, "action": 21, "hidden": [256, 256], "batch": 256}
@@ -23,7 +23,7 @@ def against_peer(options: Options, environment: str, script: str, *, tuned: bool
     def measure(student: Student) -> Result:
         student.fill()
         work = {"transitions": TRANSITIONS, "updates": count}
-        with Peer(environment, script, threads=options.threads, **SIZES, **work) as peer:
+        with started(environment, script, threads=options.threads, **SIZES, **work) as peer:
             return compare(
                 rate(student.updates(count), count),
                 peer.measure,

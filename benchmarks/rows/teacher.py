@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.measure import Options, Result, compare
-from benchmarks.peers import Peer
+from benchmarks.peers import started
 from benchmarks.setup import configuration
 from romgrl.config.schema import Config
 from romgrl.runtime.stage_log import SilentLog
@@ -63,7 +63,7 @@ def beside_peer(options: Options, script: str, target: str, repeats: int, **more
     same["hidden_sizes"] = list(same["hidden_sizes"])
     world = vars(rom_env(config, num_envs=1, episode_steps=1).parameters)
     steps = config.teacher.total_steps
-    with Peer("rl", script, threads=options.threads, parameters=world, steps=steps, **same, **more) as peer:
+    with started("rl", script, threads=options.threads, parameters=world, steps=steps, **same, **more) as peer:
         return compare(
             lambda: training_rate(config),
             peer.measure,

@@ -73,7 +73,8 @@ def load_tensors(path: Path) -> tuple[dict[str, torch.Tensor], dict[str, str]]:
 def tensor_shapes(path: Path) -> Shapes:
     """`name: (dtype, shape)` of what `save_tensors` wrote, without torch. Raises ArtifactError naming the file."""
     with reading(path), safe_open(path, framework="numpy") as file:
-        slices = {name: file.get_slice(name) for name in file.keys()}  # noqa: SIM118 - not a mapping
+        names = file.keys()
+        slices = {name: file.get_slice(name) for name in names}
         return {name: (TORCH_DTYPES[part.get_dtype()], tuple(part.get_shape())) for name, part in slices.items()}
 
 

@@ -39,13 +39,13 @@ SEARCH_TARGET = "hydra_plugins.romgrl.OptunaSweeper"
 
 
 def use_loader(loader: type[ConfigLoaderImpl]) -> None:
-    """Have Hydra load every configuration through a class; it offers no other way in."""
-    engine.ConfigLoaderImpl = loader  # type: ignore[attr-defined]  # imported there, not exported
+    """Have Hydra load every configuration through a class. It makes its loader by this name, and asks nobody."""
+    engine.ConfigLoaderImpl = loader  # type: ignore[attr-defined]  # a name that it imports but does not export
 
 
 def use_callbacks(callbacks: type[Callbacks]) -> None:
-    """Have Hydra call its callbacks through a class."""
-    engine.Callbacks = callbacks  # type: ignore[attr-defined]  # imported there, not exported
+    """Have Hydra call its callbacks through a class, made by this name likewise."""
+    engine.Callbacks = callbacks  # type: ignore[attr-defined]  # the same
 
 
 def use_file_source(source: type[FileConfigSource]) -> None:
@@ -60,8 +60,12 @@ def use_sweeper(sweeper: type[Sweeper]) -> None:
 
 
 def validate_no_batch() -> None:
-    """Have sweepers not compose every job before they launch the first: each was composed and checked before."""
-    Sweeper.validate_batch_is_legal = leave_batch  # type: ignore[assignment, method-assign]  # no option says so
+    """Have sweepers not compose every job before they launch the first: each was composed and checked before.
+
+    On their base class: Hydra runs the modules of its plugins again to find them, which leaves a subclass without a
+    base, and no option turns the composing off.
+    """
+    Sweeper.validate_batch_is_legal = leave_batch  # type: ignore[assignment, method-assign]  # a method replaced
 
 
 def leave_batch(sweeper: Sweeper, batch: Sequence[Sequence[str]]) -> None:

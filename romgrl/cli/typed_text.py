@@ -10,7 +10,7 @@ from functools import cache, lru_cache
 from typing import Any
 
 import yaml
-from antlr4 import InputStream, Token  # type: ignore[import-untyped]  # antlr4 has no types
+from antlr4 import InputStream, Token
 from hydra.core.override_parser.overrides_visitor import HydraErrorListener
 from hydra.errors import HydraException
 from hydra.grammar.gen.OverrideLexer import OverrideLexer

@@ -47,7 +47,7 @@ def prepare(config: Config) -> None:
     import torch
 
     torch.manual_seed(config.seed)
-    np.random.seed(config.seed)  # noqa: NPY002 - libraries may draw from the global generator
+    np.random.seed(config.seed)  # noqa: NPY002 - no stage here draws from it; one of your own may, and scipy with it
     torch.set_num_threads(config.threads)
     torch.set_flush_denormal(True)  # vanishing gradients cost up to 30 times the time
 

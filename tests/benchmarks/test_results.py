@@ -11,7 +11,7 @@ import pytest
 from benchmarks import __main__ as command
 from benchmarks import plots, results
 from benchmarks.measure import Options, Result, Unavailable, compare, reached
-from benchmarks.peers import Peer
+from benchmarks.peers import started
 from benchmarks.rows import ROWS, Row
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -135,5 +135,8 @@ def test_gpu_row_is_skipped_with_a_reason(monkeypatch: pytest.MonkeyPatch) -> No
 
 def test_a_peer_without_its_environment_is_skipped(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("benchmarks.peers.ENVIRONMENTS", ROOT / "benchmarks" / ".no-peers")
-    with pytest.raises(Unavailable, match=r"make benchmarks/\.no-peers/rl/\.built"):
-        Peer("rl", "sb3_sac.py", threads=1)
+    with (
+        pytest.raises(Unavailable, match=r"make benchmarks/\.no-peers/rl/\.built"),
+        started("rl", "sb3_sac.py", threads=1),
+    ):
+        pass
