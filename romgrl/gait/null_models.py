@@ -3,7 +3,6 @@
 statue     the mean pose of the reference, without a motion
 sinusoid   each channel a cosine: the reference's mean, amplitude and phase at its cadence, at twice that for the
            pelvis; the right foot is the left one half a stride later
-teacher    the reference against itself: the floor
 stretched  the reference played faster or slower, at another cadence
 """
 
@@ -26,7 +25,7 @@ SINES_PER_STRIDE = np.array([2 if channel == BODY_Y else 1 for channel in range(
 
 
 @dataclass(frozen=True)
-class ScoredWalker:
+class NullModel:
     """Episodes (T_i, 5) m to be scored; `own`: made of the reference's, one for one, so that none meets its own."""
 
     episodes: list[Floats]
@@ -48,16 +47,16 @@ class FirstHarmonic:
 
 def null_models(
     reference: list[Floats], dt: float, cadence: float, target: float, window: int
-) -> tuple[dict[str, ScoredWalker], dict[str, str]]:
+) -> tuple[dict[str, NullModel], dict[str, str]]:
     """The null models, and why others cannot be made. cadence, target: strides/s of the reference and the student."""
-    models = {"teacher": ScoredWalker(reference, own=True), "statue": ScoredWalker(statues(reference, window))}
+    models = {"statue": NullModel(statues(reference, window))}
     absent = {}
     if not cadence > 0:
         absent = dict.fromkeys(("sinusoid", "stretched"), "the reference has no strides")
     else:
-        models["sinusoid"] = ScoredWalker(sinusoids(reference, dt, cadence, window))
+        models["sinusoid"] = NullModel(sinusoids(reference, dt, cadence, window))
         if target > 0:
-            models["stretched"] = ScoredWalker([stretched(each, target / cadence) for each in reference], own=True)
+            models["stretched"] = NullModel([stretched(each, target / cadence) for each in reference], own=True)
         else:
             absent["stretched"] = "the student has no strides"
     return models, absent

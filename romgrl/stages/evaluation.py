@@ -13,11 +13,11 @@ import pandas as pd
 from romgrl.artifacts import save_arrays
 from romgrl.config.schema import Config
 from romgrl.errors import ArtifactError
-from romgrl.gait.alignment import aligned_phase_lag, error_over_variance, mse_table, scored_episodes
+from romgrl.gait.alignment import aligned_phase_lag, error_over_variance, mse_table
 from romgrl.gait.distances import measure_distances
 from romgrl.gait.features import CHANNELS, Gait, gait_from_reference, gait_from_rollouts
 from romgrl.gait.metrics import describe
-from romgrl.gait.null_models import AVERAGE, OVER_VARIANCE, ScoredWalker, null_models
+from romgrl.gait.null_models import AVERAGE, OVER_VARIANCE, NullModel, null_models
 from romgrl.gait.null_table import null_table
 from romgrl.runtime.stage_log import StageLog
 from romgrl.stages.rollouts.humanoid import roll_out
@@ -63,25 +63,26 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
     errors.to_csv(output / "mse.csv", index=False)
     distances.to_csv(output / "distances.csv", index=False)
     table.to_csv(output / "gait.csv", index=False)
-    nulls = score_null_models(config, gaits, table, log)
+    nulls = score_null_models(config, teacher, table, errors, distances, log)
     nulls.to_csv(output / "null_models.csv", index=False)
     log_summary(errors, table, log)
     log_null_models(nulls, log)
 
 
-def score_null_models(config: Config, gaits: Mapping[str, Gait], table: pd.DataFrame, log: StageLog) -> pd.DataFrame:
-    """null_models.csv of teacher, student and baseline, which gait.csv describes; says which rows there cannot be."""
-    window, reference = config.evaluation.window, gaits["teacher"].upright_episodes
+def score_null_models(
+    config: Config, teacher: Gait, table: pd.DataFrame, errors: pd.DataFrame, distances: pd.DataFrame, log: StageLog
+) -> pd.DataFrame:
+    """null_models.csv beside gait.csv, mse.csv and distances.csv; says which rows there cannot be."""
+    window, reference = config.evaluation.window, teacher.upright_episodes
     cadence, target = table.set_index("walker").stride_frequency_hz[["teacher", "student"]]
-    models, absent = null_models(reference, gaits["teacher"].dt, cadence, target, window)
+    models, absent = null_models(reference, teacher.dt, cadence, target, window)
     try:
-        models["other_teacher"] = ScoredWalker(other_teacher(config, reference))
+        models["other_teacher"] = NullModel(other_teacher(config, reference))
     except ArtifactError as error:
         absent["other_teacher"] = str(error)
     for name, reason in absent.items():
         log.message(f"no null model {name}: {reason}")
-    walkers = {name: ScoredWalker(scored_episodes(name, gaits[name], window)) for name in WALKERS}
-    return null_table(walkers | models, reference, window=window, seed=config.seed)
+    return null_table(models, reference, errors=errors, distances=distances, window=window, seed=config.seed)
 
 
 def describe_walkers(

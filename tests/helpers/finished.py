@@ -11,11 +11,10 @@ import numpy as np
 import pandas as pd
 
 from romgrl.artifacts import save_arrays, write_manifest
-from romgrl.gait.alignment import mse_table, scored_episodes
+from romgrl.gait.alignment import mse_table
 from romgrl.gait.distances import measure_distances
 from romgrl.gait.features import Gait
 from romgrl.gait.metrics import describe, stride_frequency
-from romgrl.gait.null_models import ScoredWalker
 from romgrl.gait.null_models import null_models as make_null_models
 from romgrl.gait.null_table import null_table
 
@@ -38,23 +37,23 @@ def write(folder: Path, gaits: Mapping[str, Gait], states: Mapping[str, Any], *,
         rollouts |= {f"{name}_features": gaits[name].features, f"{name}_upright": gaits[name].valid}
         rollouts |= {f"{name}_velocity": gaits[name].velocity, f"{name}_states": states[name]}
     save_arrays(inputs["evaluation"] / "rollouts.npz", rollouts)
-    mse_table(**compared, window=100).to_csv(inputs["evaluation"] / "mse.csv", index=False)
-    measure_distances(**compared, window=100, seed=0).to_csv(inputs["evaluation"] / "distances.csv", index=False)
-    null_models(gaits).to_csv(inputs["evaluation"] / "null_models.csv", index=False)
+    errors, distances = mse_table(**compared, window=100), measure_distances(**compared, window=100, seed=0)
+    errors.to_csv(inputs["evaluation"] / "mse.csv", index=False)
+    distances.to_csv(inputs["evaluation"] / "distances.csv", index=False)
+    null_models(gaits, errors, distances).to_csv(inputs["evaluation"] / "null_models.csv", index=False)
     rows = [{"walker": name, **describe(gait, target_speed=speed)} for name, gait in gaits.items()]
     pd.DataFrame(rows).to_csv(inputs["evaluation"] / "gait.csv", index=False)
     return inputs
 
 
-def null_models(gaits: Mapping[str, Gait]) -> pd.DataFrame:
+def null_models(gaits: Mapping[str, Gait], errors: pd.DataFrame, distances: pd.DataFrame) -> pd.DataFrame:
     """null_models.csv; there is no other teacher."""
     reference, rates = (
         gaits["teacher"].upright_episodes,
         {name: stride_frequency(gait.features, gait.dt, gait.valid) for name, gait in gaits.items()},
     )
     models, _ = make_null_models(reference, gaits["teacher"].dt, rates["teacher"], rates["student"], 100)
-    walkers = {name: ScoredWalker(scored_episodes(name, gaits[name], 100)) for name in ("student", "baseline")}
-    return null_table(walkers | models, reference, window=100, seed=0)
+    return null_table(models, reference, errors=errors, distances=distances, window=100, seed=0)
 
 
 def write_trainings(inputs: Mapping[str, Path], *, rows: int = 40) -> None:
