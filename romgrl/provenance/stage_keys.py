@@ -100,12 +100,12 @@ def stage_key(stage: str, config: Config, upstream: Mapping[str, str]) -> str:
     That is the stage's settings, its code, the versions of what computes, the digests of the artifacts it reads, and
     of what ships that it compares with.
     """
+    read = dict(upstream) | {f"shipped {name}": shipped_digest(name) for name in STAGES[stage].beside}
     document = {
         "stage": stage,
         "settings": stage_settings(stage, config),
         "sources": source_digest(stage_function(stage, config), drawing=STAGES[stage].drawn),
         "versions": computing_versions(),
-        "upstream": dict(upstream),
-        "beside": {name: shipped_digest(name) for name in STAGES[stage].beside},
+        "upstream": read,
     }
     return hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()[:16]

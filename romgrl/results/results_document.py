@@ -32,8 +32,8 @@ HEAD = """# Results
 All of it is written by `python -m romgrl.results outputs docs` from the artifacts of sweeps; the numbers are in
 `docs/results/` as CSV, too. Brackets hold 95% bootstrap intervals over seeds, and [method.md](method.md) says how to
 read them. `one seed` and `short budget` (fewer training steps than the default) stand beside what that is true of,
-`baseline falls` where there is no baseline to compare with. Where a target is missed, method.md says
-[what was tried](method.md#what-decides-the-students-cadence).
+`baseline falls` where there is no baseline to compare with. Where a target is missed, trials.md says
+[what was tried](trials.md#what-decides-the-students-cadence).
 """
 
 
