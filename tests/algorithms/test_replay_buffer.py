@@ -97,6 +97,19 @@ def test_every_second_transition_is_mirrored() -> None:
     assert (batch.action >= 0).all()
 
 
+def test_all_windows_of_a_mirrored_return_are_mirrored() -> None:
+    buffer = make(64, n_steps=2, mirror_windows=Mirror(np.array([1, 0]), np.array([1.0, -1.0], np.float32)))
+    fill(buffer, 12)
+    batch = buffer.sample(60)
+    env, time = batch.observation.T
+    for step in range(2):
+        there = batch.counts[:, step] > 0
+        windows, shown = batch.windows[:, step], torch.stack((env, time + step), -1)
+        mirrored = torch.stack((time + step, -env), -1)
+        torch.testing.assert_close(windows[::2][there[::2]], mirrored[::2][there[::2]])
+        torch.testing.assert_close(windows[1::2][there[1::2]], shown[1::2][there[1::2]])
+
+
 def test_too_small_and_empty_buffers_are_refused() -> None:
     with pytest.raises(ValueError, match="capacity"):
         make(8)
