@@ -31,6 +31,7 @@ PLAIN_SAC = (
     "student.policy_delay=1",
     "student.policy_updates=1",
     "student.num_envs=32",
+    "student.updates_per_step=0.1875",
     "student.learning_starts=10_000",
     "student.total_steps=10_000",
     "student.buffer_size=16_000",
@@ -64,9 +65,18 @@ class Student:
         """Random actions until the replay buffer has what learning starts with."""
         self.train(total_steps=self.config.student.learning_starts)
 
-    def updates(self, count: int, at_once: int = 3) -> Callable[[], object]:
-        """`count` updates as the stage draws and does them, `at_once` in a call."""
-        return lambda: [self.learner.update(min(at_once, count - done)) for done in range(0, count, at_once)]
+    def updates(self, count: int) -> Callable[[], object]:
+        """`count` updates as the stage draws and does them: those of one step of all humanoids in a call, then those of
+        the discriminator that are due."""
+        student = self.config.student
+        at_once = max(1, round(student.updates_per_step * student.num_envs))
+
+        def work() -> None:
+            for done in range(0, count, at_once):
+                self.learner.update(min(at_once, count - done))
+                self.learner.start_discriminator()()
+
+        return work
 
 
 def in_student_stage(measure: Callable[[Student], T], config: Config, reference: Path | None = None) -> T:

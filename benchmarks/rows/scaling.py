@@ -71,7 +71,7 @@ def updates(options: Options) -> Result:
 
             def measure(student: Student) -> float:
                 student.fill()
-                return per_second(student.updates(4, at_once=4), 4, 0.3)
+                return per_second(student.updates(4), 4, 0.3)
 
             y = in_student_stage(measure, configuration(*PLAIN_SAC, *sizes, threads=options.threads))
             series.append({"x": batch, "width": width, "y": y})

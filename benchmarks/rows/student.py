@@ -53,7 +53,7 @@ def overlap(options: Options) -> Result:
         sides = {
             "stage": lambda: seconds(stage),
             "physics": lambda: seconds(physics),
-            "learner": lambda: seconds(student.updates(updates, at_once=3)),
+            "learner": lambda: seconds(student.updates(updates)),
         }
         samples = interleave(sides, 1 if options.quick else 3)
         times = {name: statistics.median(values) for name, values in samples.items()}

@@ -35,7 +35,7 @@ from romgrl.cli.hydra_internals import (
 )
 from romgrl.cli.typed_text import quote_stored_sweep, quoted
 from romgrl.cli.whole_paths import make_whole
-from romgrl.config.schema import Config
+from romgrl.config.schema import PRESETS, Config
 from romgrl.config.values import KIND, first_kind, foreign_keys
 from romgrl.errors import one_line
 
@@ -193,7 +193,7 @@ def chosen(config: DictConfig, key: str) -> Any:
 def name_choices(config: DictConfig) -> None:
     """Give every choice that does not say its name that of its file."""
     for group, choice in config.hydra.runtime.choices.items():
-        place, key = (config, group) if group == "experiment" else (config.get(group), "name")
+        place, key = (config, group) if group in PRESETS else (config.get(group), "name")
         if isinstance(place, DictConfig) and choice is not None and OmegaConf.is_missing(place, key):
             place[key] = choice
 

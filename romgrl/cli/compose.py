@@ -29,9 +29,9 @@ from romgrl.config.values import (
     convert,
     fits,
     foreign_keys,
+    key_groups,
     of_no_kind,
     refusal,
-    schema_groups,
     schema_keys,
     suggestion,
     unknown_key,
@@ -183,7 +183,7 @@ def branches() -> frozenset[str]:
 def broken_groups(composed: DictConfig) -> dict[str, str]:
     """A line for every group that is no group of keys any more."""
     lines = {}
-    for group in schema_groups()[:-1]:
+    for group in key_groups():
         node = composed._get_node(group)
         if not isinstance(node, DictConfig) or node._is_none() or node._is_missing():
             value = None if node is None else plain_unresolved(composed)[group]

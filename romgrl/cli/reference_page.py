@@ -11,7 +11,7 @@ from typing import Any
 
 from romgrl.cli.compose import CONF, compose_config
 from romgrl.cli.exit_codes import exit_code_of
-from romgrl.config.schema import Config
+from romgrl.config.schema import PRESETS, Config
 from romgrl.config.values import KIND, allowed, keys_of, schema_keys, show, value_of
 from romgrl.report.markdown_table import markdown_table
 
@@ -36,8 +36,9 @@ def group_section(group: str, keys: dict[str, Field[Any]], config: Config) -> st
     """One group: what it is, its choices, and a table of its keys."""
     doc = (type(getattr(config, group)) if group else Config).__doc__ or ""
     lines = [f"## {group or 'Top level'}", "", " ".join(doc.split()), ""]
-    choices = sorted(path.stem for path in (CONF / (group or "experiment")).glob("*.yaml"))
-    lines += [f"Choices of `{group or 'experiment'}`: {', '.join(choices)}.", ""] if choices else []
+    for chosen in [group] if group else PRESETS:
+        choices = sorted(path.stem for path in (CONF / chosen).glob("*.yaml"))
+        lines += [f"Choices of `{chosen}`: {', '.join(choices)}.", ""] if choices else []
     rows = []
     for name, entry in keys.items():
         if name.rpartition(".")[0] == group:

@@ -18,6 +18,7 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf._utils import get_yaml_loader
 
 from romgrl.config.addresses import in_quotes
+from romgrl.config.schema import PRESETS
 from romgrl.config.values import RENAMED, kind_of, schema_groups, schema_keys
 
 OF_HYDRA = ("run.dir", "sweep.dir", "sweep.subdir", "job.name", "sweeper.study_name", "sweeper.storage")
@@ -46,7 +47,7 @@ def is_text(key: str) -> bool:
 def is_any_text(key: str) -> bool:
     """Tell whether a key takes any text, not one of a few choices."""
     entry = schema_keys().get(key)
-    chosen = key in schema_groups() or "/" in key if entry is None else entry.metadata["choices"] or key == "experiment"
+    chosen = key in schema_groups() or "/" in key if entry is None else entry.metadata["choices"] or key in PRESETS
     return is_text(key) and not chosen
 
 

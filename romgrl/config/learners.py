@@ -122,6 +122,14 @@ class Student:
         "true: eta falls at a check where a student that stays upright has another cadence than its teacher, and rises "
         "where only its speed is wrong"
     )
+    kept_policy: str = key(
+        "which check's policy is kept, reference: the one nearest to the reference at the right speed; task_reward: "
+        "that of the largest reward; last: the last one",
+        choices=("reference", "task_reward", "last"),
+    )
+    posture_weight: float = key(
+        "share of the task reward that is for an upright trunk and a high pelvis instead of the speed", low=0, high=1
+    )
     reference_resets: float = key("share of a student's episodes that start in a pose of the reference", low=0, high=1)
     policy_average: float = key("policies are running averages with this decay; 0: as they are", low=0, high=0.99999)
     pretrained: bool = key("true: nothing is trained; student and baseline that ship with the package are taken")
@@ -137,6 +145,10 @@ class Discriminator:
         "what a frame holds, paper: the five; trunk: the trunk inclination as well; trunk_soles: also the heights of "
         "both soles; velocities: the five and their velocities; trunk_velocities: the five, the trunk and velocities",
         choices=("paper", "trunk", "trunk_soles", "velocities", "trunk_velocities"),
+    )
+    reference: str = key(
+        "what is imitated, teacher: its paths; sinusoid: cosines of their mean, cadence and amplitudes in their place",
+        choices=("teacher", "sinusoid"),
     )
     window: int = key("frames seen together", low=1, high=32)
     stride: int = key("control steps from one frame of a window to the next", low=1, high=32)

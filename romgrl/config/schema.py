@@ -12,6 +12,7 @@ from romgrl.config.fields import key, one_of
 from romgrl.config.learners import Discriminator, Student, Teacher
 from romgrl.config.worlds import ROMS, Humanoid, Rom
 
+PRESETS = ("experiment", "comparison")  # groups whose files change keys of others
 STAGES = ("teacher", "reference", "student", "baseline", "evaluation", "report")
 OPTIONAL_STAGES = ("robustness",)  # made only when asked for by name; no stage reads them
 
@@ -107,6 +108,7 @@ class Config:
     checkpoint_seconds: float = key("work between two checkpoints of a training", unit="s", above=0, high=1e6)
     objective: str = key("number that a search is after (`hydra/sweeper=optuna`), by the name that MLflow shows")
     experiment: str = key("name of the preset")
+    comparison: str = key("what stands in the student's place")
     rom: Rom = one_of(ROMS)
     teacher: Teacher = field(default_factory=Teacher)
     reference: Reference = field(default_factory=Reference)

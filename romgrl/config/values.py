@@ -9,7 +9,7 @@ from dataclasses import Field, fields, is_dataclass
 from functools import cache
 from typing import Any, NamedTuple
 
-from romgrl.config.schema import Config
+from romgrl.config.schema import PRESETS, Config
 from romgrl.errors import LONGEST, one_line
 
 NAMES = {"int": "a whole number", "float": "a number", "str": "printable text", "bool": "true or false"}
@@ -88,7 +88,12 @@ def foreign_keys(chosen: Callable[[str], Any]) -> dict[str, str]:
 
 def schema_groups() -> list[str]:
     """The groups of the schema, and the presets."""
-    return [*dict.fromkeys(name.partition(".")[0] for name in schema_keys() if "." in name), "experiment"]
+    return [*key_groups(), *PRESETS]
+
+
+def key_groups() -> list[str]:
+    """The groups that have keys of their own."""
+    return [*dict.fromkeys(name.partition(".")[0] for name in schema_keys() if "." in name)]
 
 
 def value_of(config: Any, key: str) -> Any:
@@ -191,7 +196,7 @@ def bad_value(key: str, value: Any) -> str:
     entry = schema_keys()[key]
     quoted = isinstance(value, str) and kind_of(entry).item != "str" and is_plain_scalar(value)
     line = refusal(key, repr(value) if quoted else value, allowed(entry))
-    if key == "experiment" and isinstance(value, dict):
+    if key in PRESETS and isinstance(value, dict):
         return f"{line}; the first line of a preset is `# @package _global_`"
     return line + suggestion(show(value), entry.metadata["choices"])
 

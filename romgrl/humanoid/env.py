@@ -91,7 +91,7 @@ class PlanarHumanoidEnv(gym.Env[Float32, Float32]):
             self._restart()
             observation, posture = self._observe()
         velocity = 0.0 if diverged else (self._data.qpos[0] - before) / self.control_step
-        reward = 0.0 if diverged else float(np.float32(self.task.reward(np.array([velocity]))[0]))
+        reward = 0.0 if diverged else float(np.float32(self.task.reward(np.array([velocity]), posture)[0]))
         terminated = diverged or bool(self.task.fallen(posture)[0])
         truncated = self._elapsed >= self.task.episode_steps and not terminated
         return observation, reward, terminated, truncated, _info(posture, velocity, diverged=diverged)
@@ -103,7 +103,7 @@ class PlanarHumanoidEnv(gym.Env[Float32, Float32]):
         self._elapsed = 0
 
     def _observe(self) -> tuple[Float32, NDArray[np.float64]]:
-        """Observation and posture (1, 8)."""
+        """Observation and posture (1, POSTURE_SIZE)."""
         observation, posture = self._observer(self._data.qpos[None], self._data.qvel[None])
         return observation[0], posture
 

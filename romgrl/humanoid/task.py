@@ -1,6 +1,6 @@
 """Reward and terminations of the planar humanoid: functions on arrays, one row per humanoid.
 
-A posture (N, 8) is what `romgrl.humanoid.planar_observer.PlanarObserver` returns beside the observation.
+A posture (N, POSTURE_SIZE) is what `romgrl.humanoid.planar_observer.PlanarObserver` returns beside the observation.
 """
 
 from __future__ import annotations
@@ -19,6 +19,9 @@ from romgrl.humanoid.planar_observer import FASTEST, HEAD_HEIGHT, PELVIS_HEIGHT,
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
+UPRIGHT, HIGH = 0.3, 0.1
+"""Lean of the trunk (rad), and share of the standing height by which the pelvis is off, that leave 1/e of the reward
+for the posture."""
 VELOCITY_LIMIT = 200.0
 """A joint speed (rad/s or m/s) that no body reaches: the simulation has diverged."""
 
@@ -26,6 +29,13 @@ VELOCITY_LIMIT = 200.0
 def speed_reward(forward_velocity: Array, *, speed: float, alpha: float) -> Array:
     """exp(-alpha |v - speed|) (N,), the paper's task reward."""
     return np.exp(-alpha * np.abs(forward_velocity - speed))
+
+
+def posture_reward(posture: Array, *, standing_height: float) -> Array:
+    """exp(-(lean / 0.3 rad)^2 - ((pelvis height / standing height - 1) / 0.1)^2) (N,): upright and high."""
+    lean, height = posture[:, TRUNK_LEAN] / UPRIGHT, (posture[:, PELVIS_HEIGHT] / standing_height - 1.0) / HIGH
+    rewarded: Array = np.exp(-np.square(lean) - np.square(height))
+    return rewarded
 
 
 def fallen(posture: Array, *, pelvis_height: float, head_height: float, lean: float) -> Flags:
@@ -51,6 +61,8 @@ class SpeedSettings(TypedDict, total=False):
     alpha: float
     """Sensitivity of the reward exp(-alpha |v - speed|), s/m; v is the mean forward velocity of the pelvis over the
     control step."""
+    posture_weight: float
+    """Share w of `posture_reward` in the reward, (1 - w) of which is for the speed."""
     episode_steps: int
     """An episode is truncated after this many control steps."""
     reset_speed: Sequence[float]
@@ -71,6 +83,9 @@ class SpeedTask:
 
     speed: float
     alpha: float
+    posture_weight: float
+    standing_height: float
+    """Of the pelvis, m."""
     episode_steps: int
     reset_speed: tuple[float, float]
     """Range of the forward speed at reset, m/s."""
@@ -89,6 +104,7 @@ class SpeedTask:
         *,
         speed: float = 4.0,
         alpha: float = 1.0,
+        posture_weight: float = 0.0,
         episode_steps: int = 300,
         reset_speed: Sequence[float] = (0.0, 1.0),
         fall_pelvis_height: float = 0.65,
@@ -101,6 +117,8 @@ class SpeedTask:
             raise ValueError(f"reset_speed must be a range of shares of the speed, not {reset_speed}")
         _check_at_least_zero(speed=speed, fall_pelvis_height=fall_pelvis_height, fall_head_height=fall_head_height)
         _check_positive(alpha=alpha, fall_trunk_lean=fall_trunk_lean, control_frequency=control_frequency)
+        if not 0 <= posture_weight <= 1:
+            raise ValueError(f"posture_weight must be between 0 and 1, not {posture_weight}")
         check_counts(episode_steps=episode_steps)
         size, timestep = dimensions(model), model.opt.timestep
         substeps = round(1.0 / (control_frequency * timestep))
@@ -109,6 +127,8 @@ class SpeedTask:
         return cls(
             speed=speed,
             alpha=alpha,
+            posture_weight=posture_weight,
+            standing_height=size.pelvis_height,
             episode_steps=episode_steps,
             reset_speed=(reset_speed[0] * speed, reset_speed[1] * speed),
             pelvis_height=fall_pelvis_height * size.pelvis_height,
@@ -118,9 +138,13 @@ class SpeedTask:
             control_step=substeps * timestep,
         )
 
-    def reward(self, forward_velocity: Array) -> Array:
-        """`speed_reward` at this speed, (N,)."""
-        return speed_reward(forward_velocity, speed=self.speed, alpha=self.alpha)
+    def reward(self, forward_velocity: Array, posture: Array) -> Array:
+        """(1 - w) `speed_reward` at this speed + w `posture_reward`, (N,)."""
+        rewarded = speed_reward(forward_velocity, speed=self.speed, alpha=self.alpha)
+        if self.posture_weight == 0:
+            return rewarded
+        upright = posture_reward(posture, standing_height=self.standing_height)
+        return (1.0 - self.posture_weight) * rewarded + self.posture_weight * upright
 
     def fallen(self, posture: Array) -> Flags:
         """`fallen` with this task's limits, (N,)."""

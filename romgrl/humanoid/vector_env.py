@@ -120,7 +120,7 @@ class PlanarHumanoidVectorEnv(VectorEnv[Float32, Float32, Any]):
             self.diverged_count += int(diverged.sum())
             self._replace(np.flatnonzero(diverged), observation, posture)
         velocity = np.where(diverged, 0.0, (self._qpos[:, 0] - before) / self.control_step)
-        reward = np.where(diverged, 0.0, self.task.reward(velocity)).astype(np.float32)
+        reward = np.where(diverged, 0.0, self.task.reward(velocity, posture)).astype(np.float32)
         terminated = diverged | self.task.fallen(posture)
         truncated = (self._elapsed >= self.task.episode_steps) & ~terminated
         info = _before_reset(observation.copy(), posture, velocity, diverged)

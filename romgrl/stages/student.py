@@ -25,8 +25,8 @@ from romgrl.stages.training.checkpoints import Stateful, TrainingCheckpoints
 from romgrl.stages.training.discriminator_watch import HealthWatch
 from romgrl.stages.training.gait_check import GaitChecks
 from romgrl.stages.training.student_statistics import StudentTally
-from romgrl.stages.wiring.artifact_arrays import read_reference
 from romgrl.stages.wiring.humanoid import humanoid_env
+from romgrl.stages.wiring.imitated import read_imitated
 from romgrl.stages.wiring.student_learner import build_student_learner
 
 LOG_INTERVAL = 4096
@@ -62,8 +62,12 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
     beside = config.threads > 1
     each = config.threads // 2 if beside and config.student.simultaneous else config.threads
     torch.set_num_threads(each)
-    compact = config.student.compact_observation
-    env = humanoid_env(replace(config, threads=each), num_envs=config.student.num_envs, compact=compact)
+    env = humanoid_env(
+        replace(config, threads=each),
+        num_envs=config.student.num_envs,
+        posture_weight=config.student.posture_weight,
+        compact=config.student.compact_observation,
+    )
     columns = torch.from_numpy(env.columns)
     windows = FrameWindows(num_envs=env.num_envs, layout=window_layout(config))
     humanoid = identity(env.model)
@@ -88,7 +92,7 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
 
 def start_from_reference(config: Config, env: PlanarHumanoidVectorEnv, reference: Path) -> None:
     """Let a share of the episodes begin in poses of the reference."""
-    arrays = read_reference(reference, config, steps=4)
+    arrays = read_imitated(reference, config, steps=4)
     states = ReferenceStates(env.model, arrays["features"], arrays["episode"], env.control_step)
     env.start_from(states, config.student.reference_resets)
 

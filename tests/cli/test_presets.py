@@ -8,6 +8,7 @@ import pytest
 
 from romgrl.cli.arguments import faults
 from romgrl.cli.compose import CONF
+from romgrl.config.schema import PRESETS
 from tests.cli.loading import composed
 
 
@@ -46,7 +47,7 @@ def test_a_choice_of_ones_own_in_every_group(tmp_path: Path) -> None:
         key, _, value = line.partition(": ")
         assert str(config[group][key]) == value
         assert config[group].get("name", "mine") == "mine"
-    groups = {path.name for path in CONF.iterdir() if path.is_dir()} - {"experiment", "hydra"}
+    groups = {path.name for path in CONF.iterdir() if path.is_dir()} - {*PRESETS, "hydra"}
     assert groups == MINE.keys()
 
 

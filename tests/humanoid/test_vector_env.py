@@ -12,6 +12,7 @@ import pytest
 
 from romgrl.humanoid import task
 from romgrl.humanoid.model import build, lowest_point
+from romgrl.humanoid._core import POSTURE_SIZE
 from romgrl.humanoid.planar_observer import HEAD_HEIGHT, PELVIS_HEIGHT, TRUNK_LEAN
 from romgrl.humanoid.start_states import StrideStates
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
@@ -150,6 +151,18 @@ def test_terminations_by_hand() -> None:
 def test_reward_by_hand() -> None:
     reward = task.speed_reward(np.array([4.0, 3.0, 6.0]), speed=4.0, alpha=0.5)
     assert reward == pytest.approx([1.0, np.exp(-0.5), np.exp(-1.0)])
+
+
+def test_reward_of_a_posture_by_hand() -> None:
+    """Upright at standing height, leaning by 0.3 rad, and 10% too low; its share counts beside that of the speed."""
+    env = PlanarHumanoidVectorEnv(num_envs=3, posture_weight=0.25)
+    posture = np.zeros((3, POSTURE_SIZE))
+    posture[:, PELVIS_HEIGHT] = env.task.standing_height * np.array([1.0, 1.0, 0.9])
+    posture[1, TRUNK_LEAN] = -0.3
+    found = env.task.reward(np.array([4.0, 4.0, 3.0]), posture)
+    assert found == pytest.approx([1.0, 0.75 + 0.25 * np.exp(-1), 0.75 * np.exp(-1) + 0.25 * np.exp(-1)])
+    with pytest.raises(ValueError, match="posture_weight must be between 0 and 1, not 2"):
+        PlanarHumanoidVectorEnv(posture_weight=2)
 
 
 def test_make_vec() -> None:

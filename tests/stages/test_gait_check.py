@@ -110,6 +110,21 @@ def test_the_best_is_kept(smoke_config: Config, tmp_path: Path, monkeypatch: pyt
     assert log.messages[-1] == f"kept the policy of step 200: {said}"
 
 
+@pytest.mark.parametrize(("kept", "step"), [("reference", 200), ("task_reward", 300), ("last", 400)])
+def test_which_policy_is_kept(
+    kept: str, step: int, smoke_config: Config, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """None that falls more, but for the last one."""
+    smoke_config.student.kept_policy = kept
+    fell = GOOD | {"falls": 1.0, "task_reward": 1.0, "passed": 0.0, "error_over_variance": 0.01}
+    near, fast = GOOD | {"error_over_variance": 0.1}, GOOD | {"task_reward": 0.95}
+    made, learner = checks(smoke_config, tmp_path, [fell, near, fast, fell], monkeypatch), Learner(400)
+    go(made, 100, 400, 100)
+    made.teacher = object()  # type: ignore[assignment]
+    made.keep_best(learner)  # type: ignore[arg-type]
+    assert learner.flat[0] == step
+
+
 def test_without_checks_the_last_is_kept(smoke_config: Config, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     made, learner = checks(smoke_config, tmp_path, [], monkeypatch, interval=0), Learner(400)
     mean, _ = made.keep_best(learner)  # type: ignore[arg-type]
@@ -230,7 +245,7 @@ def test_the_policy_file_is_the_best_and_a_check_leaves_the_training_as_it_is(
     monkeypatch.setattr(gait_check, "EPISODES", 2)
     monkeypatch.setattr(gait_check, "STEPS", 20)
     rows = iter([0.3, 0.1, 0.2])
-    monkeypatch.setattr(gait_check, "rank", lambda row: (row["order"],))
+    monkeypatch.setattr(gait_check, "rank", lambda row, kept: (row["order"],))
     measure = GaitChecks.measure
     monkeypatch.setattr(GaitChecks, "measure", lambda *a: measure(*a) | {"order": next(rows)})
     kept: list[Any] = []

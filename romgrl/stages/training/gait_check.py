@@ -24,8 +24,8 @@ from romgrl.gait.recording import record
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 from romgrl.runtime.stage_log import StageLog
 from romgrl.stages.training.budget import Budget
-from romgrl.stages.wiring.artifact_arrays import read_reference
 from romgrl.stages.wiring.humanoid import humanoid_env, speed_sensitivity
+from romgrl.stages.wiring.imitated import read_imitated
 from romgrl.stages.wiring.seeds import CHECK_SEED
 
 EPISODES, STEPS, LONGEST_WINDOW = 16, 300, 100
@@ -89,7 +89,7 @@ class GaitChecks:
         interval = config.student.check_steps
         env = humanoid_env(config, num_envs=EPISODES, episode_steps=STEPS + 1) if interval else None
         taught = reference is not None and config.discriminator.enabled
-        teacher = gait_from_reference(read_reference(reference, config, steps=2)) if taught and reference else None
+        teacher = gait_from_reference(read_imitated(reference, config, steps=2)) if taught and reference else None
         return cls(interval, config, env, teacher, columns, mirrors, output, log)
 
     @cached_property
@@ -114,12 +114,13 @@ class GaitChecks:
         row = {"step": float(step), "eta": float(learner.eta)} | {
             name: float(value) for name, value in measured.items()
         }
-        if not self.rows or rank(row) < min(map(rank, self.rows)):
-            self.best = [network.flat, *moments]
         self.rows.append(row)
+        if self.kept is row:
+            self.best = [network.flat, *moments]
         if budget.reached(step, 0.5):
             self.tell(row)
-        if self.config.student.adapt_eta and self.teacher is not None and budget.reached(step, ADAPTS_FROM):
+        adapts = self.config.student.adapt_eta and self.teacher is not None and self.config.eta < 1
+        if adapts and budget.reached(step, ADAPTS_FROM):
             learner.eta = adapted(learner.eta, row)
         pd.DataFrame(self.rows).to_csv(self.output / FILE, index=False)
         if self.config.student.end_early and self.passes() >= PASSES and not budget.reached(step, 0.5):
@@ -151,6 +152,12 @@ class GaitChecks:
         measured["error_over_variance"] = float(error_over_variance(gait, self.teacher, window).mean())
         return measured | {"passed": float(not shortcomings(measured))}
 
+    @property
+    def kept(self) -> dict[str, float]:
+        """The check whose policy is kept: `student.kept_policy`."""
+        kept = self.config.student.kept_policy
+        return self.rows[-1] if kept == "last" else min(self.rows, key=lambda row: rank(row, kept))
+
     def passes(self) -> int:
         """Checks in a row that the policy has passed, up to the last one."""
         count = 0
@@ -168,7 +175,7 @@ class GaitChecks:
             return learner.normalizer.mean_and_scale()
         weights, mean, scale = self.best
         learner.sac.average.flat.copy_(weights)
-        best = min(self.rows, key=rank)
+        best = self.kept
         told = f"falls in {best['falls']:.0f} of {EPISODES} episodes, {best['steady_speed_m_per_s']:.2f} m/s"
         if self.teacher is not None:
             told += f", error over variance {best['error_over_variance']:.2f}"
@@ -208,10 +215,10 @@ def percent(value: float, of: float) -> float:
     return 100 * value / of if of else float("nan")
 
 
-def rank(row: Mapping[str, float]) -> tuple[float, ...]:
+def rank(row: Mapping[str, float], kept: str = "reference") -> tuple[float, ...]:
     """Less is better: falls first, then whether it passed, then the error, the larger the further off its speed is;
-    a baseline's reward in their place."""
-    if "error_over_variance" not in row:
+    the task reward in their place where it decides, and of a baseline."""
+    if kept == "task_reward" or "error_over_variance" not in row:
         return row["falls"], -row["task_reward"]
     error = row["error_over_variance"] * (1 + abs(row["speed_error_percent"]) / SPEED)
     return row["falls"], 1.0 - row["passed"], error if np.isfinite(error) else np.inf, -row["task_reward"]

@@ -13,11 +13,18 @@ SLOWEST = 0.5
 
 
 def humanoid_env(
-    config: Config, *, num_envs: int, episode_steps: int | None = None, compact: bool = False, body: Any = None
+    config: Config,
+    *,
+    num_envs: int,
+    episode_steps: int | None = None,
+    posture_weight: float = 0.0,
+    compact: bool = False,
+    body: Any = None,
 ) -> PlanarHumanoidVectorEnv:
     """The humanoid of the configuration, `num_envs` times; episode_steps: None for the configuration's.
 
-    `compact`: observations without the columns that are constant in the plane; `body`: another model in its place.
+    `posture_weight`: share of the reward that is for the posture; `compact`: observations without the columns that are
+    constant in the plane; `body`: another model in its place.
     """
     humanoid = config.humanoid
     return PlanarHumanoidVectorEnv(
@@ -26,6 +33,7 @@ def humanoid_env(
         compact=compact,
         speed=config.speed,
         alpha=speed_sensitivity(config),
+        posture_weight=posture_weight,
         episode_steps=episode_steps or humanoid.episode_steps,
         reset_speed=tuple(humanoid.reset_speed),
         fall_pelvis_height=humanoid.fall_pelvis_height,

@@ -15,7 +15,7 @@ from romgrl.algorithms.sac import SAC
 from romgrl.config.schema import Config
 from romgrl.gait.discriminator_windows import WindowLayout, reference_windows
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
-from romgrl.stages.wiring.artifact_arrays import read_reference
+from romgrl.stages.wiring.imitated import read_imitated
 
 
 def build_student_learner(
@@ -77,11 +77,11 @@ def build_student_learner(
 
 
 def build_discriminator(config: Config, layout: WindowLayout, reference: Path | None) -> Discriminator | None:
-    """The discriminator, with the windows of the reference; None for the baseline."""
+    """The discriminator, with the windows of the reference; None for the baseline and where it has no weight."""
     discriminator = config.discriminator
-    if not discriminator.enabled or reference is None:
+    if not discriminator.enabled or reference is None or config.eta == 1:
         return None
-    arrays = read_reference(reference, config, steps=layout.span)
+    arrays = read_imitated(reference, config, steps=layout.span)
     real = reference_windows(
         arrays["features"],
         arrays["episode"],
