@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from romgrl.humanoid import task
-from romgrl.humanoid.model import build, lowest_point
 from romgrl.humanoid._core import POSTURE_SIZE
+from romgrl.humanoid.model import build, lowest_point
 from romgrl.humanoid.planar_observer import HEAD_HEIGHT, PELVIS_HEIGHT, TRUNK_LEAN
 from romgrl.humanoid.start_states import StrideStates
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
