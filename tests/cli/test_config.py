@@ -58,7 +58,7 @@ def test_every_choice_composes_and_is_valid(compose_config: Composer, choice: st
 
 
 @pytest.mark.parametrize(
-    "name", ["paper", "walking", "eta", "noise", "speed", "discriminator", "robustness", "teacher", "tune"]
+    "name", ["paper", "walking", "fair", "eta", "noise", "speed", "discriminator", "robustness", "teacher", "tune"]
 )
 def test_stored_sweeps_compose(name: str, compose_config: Composer) -> None:
     compose_config()
