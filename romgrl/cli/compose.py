@@ -9,16 +9,17 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from hydra import compose, initialize_config_dir
 from hydra.core.config_store import ConfigStore
 from hydra.core.plugins import Plugins
 from hydra.errors import HydraException
-from omegaconf import DictConfig, OmegaConf
+from hydra.types import RunMode
+from omegaconf import DictConfig, OmegaConf, open_dict
 from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
 
 from romgrl.cli import search_space
-from romgrl.cli.allowlist import chosen, guard_hydra
+from romgrl.cli.allowlist import GuardedLoader, chosen, guard_hydra
 from romgrl.cli.consistency import misfits, objective_faults
+from romgrl.cli.hydra_internals import create_config_search_path
 from romgrl.cli.hydra_settings import hydra_faults, searches
 from romgrl.config.fields import MISSING
 from romgrl.config.schema import Config
@@ -52,6 +53,12 @@ def register_schema() -> None:
     """
     guard_hydra()
     search_space.register()
+    store_schema()
+
+
+@cache
+def store_schema() -> None:
+    """Store the keys, once in a process."""
     keys = OmegaConf.create()
     for name in schema_keys():
         OmegaConf.update(keys, name, MISSING)
@@ -72,8 +79,16 @@ def rename_launcher_schemas() -> None:
 def compose_config(*overrides: str) -> Config:
     """The configuration of conf/ with overrides. Raises ConfigurationError or one of COMPOSITION_ERRORS."""
     register_schema()
-    with initialize_config_dir(str(CONF), version_base="1.3"):
-        return to_config(compose("config", overrides=list(overrides)))
+    composed = conf_loader(CONF).load_configuration("config", overrides, RunMode.RUN, from_shell=False)
+    with open_dict(composed):
+        del composed["hydra"]
+    return to_config(composed)
+
+
+@cache
+def conf_loader(directory: Path) -> GuardedLoader:
+    """One loader of conf/ for a process, which composes once what its files give."""
+    return GuardedLoader(create_config_search_path(str(directory)))
 
 
 def nowhere(key: str) -> str:

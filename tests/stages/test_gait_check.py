@@ -215,15 +215,11 @@ def test_a_row_by_hand(smoke_config: Config, tmp_path: Path) -> None:
     itself = made.measure(gait(1.5))
     assert itself["error_over_variance"] < 0.03
     assert itself["passed"] == 1.0
+    assert (percent(3.0, 4.0), str(percent(1.0, 0.0))) == (75.0, "nan")
     made.teacher = None
     assert made.measure(gait(1.5)).keys() == row.keys() - {
         *("cadence_error_percent", "excursion_percent", "error_over_variance", "passed")
     }
-
-
-def test_percent() -> None:
-    assert percent(3.0, 4.0) == 75.0
-    assert np.isnan(percent(1.0, 0.0))
 
 
 def test_nothing_after_a_fall_counts_and_the_resets_are_the_same(compose_config: Composer) -> None:
