@@ -189,7 +189,7 @@ def test_target_entropy_moves_over_the_middle_half(
     assert student.entropy_scale(config, 1.0) == 0.5
 
 
-@pytest.mark.parametrize(("preset", "updates"), [("sac", 6), ("fast_sac", 3)])
+@pytest.mark.parametrize(("preset", "updates"), [("sac", 6), ("fast_sac", 2)])
 def test_how_often_the_policy_is_updated(
     preset: str, updates: int, configuration: Composer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

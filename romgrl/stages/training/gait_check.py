@@ -30,13 +30,14 @@ from romgrl.stages.wiring.seeds import CHECK_SEED
 
 EPISODES, STEPS, LONGEST_WINDOW = 16, 300, 100
 FILE = "checks.csv"
-LEAST_ETA, MOST_ETA, ETA_FACTOR = 0.2, 0.8, 1.1
-STANDING, STANDING_FACTOR, SPEED_FACTOR, FOLLOWS = 50.0, 1.5, 1.25, 1.5
-ADAPTS_FROM, PASSES = 0.32, 2
-"""Range of the weight that `adapted` sets; its change at a check where the cadence is wrong, where the walker is so
-many percent too slow that it stands in a pose that pays, and where its speed is wrong; how many times the error of the
-speed that of a cadence may be which follows from it; the share of all steps that a student has to find its feet before;
-checks in a row after which the gait is the teacher's."""
+LATE_ETA, MOST_ETA, ETA_FACTOR = 0.5, 0.7, 1.1
+STANDING, STANDING_FACTOR, SPEED_FACTOR, FOLLOWS = 50.0, 1.5, 1.15, 1.5
+ADAPTS_FROM, LATE_FROM, PASSES = 0.32, 0.6, 2
+"""What the weight that `adapted` sets does not fall below late in a training, and its largest value; its change at a
+check where the cadence is wrong, where the walker is so many percent too slow that it stands in a pose that pays, and
+where its speed is wrong; how many times the error of the speed that of a cadence may be which follows from it; the
+shares of all steps that a student has to find its feet before, and from which on it is late; checks in a row after
+which the gait is the teacher's."""
 SPEED, CADENCE, LEAN = 3.0, 5.0, 10.0
 """What a student passes with all episodes upright: speed and cadence within so many percent of what is asked and of
 the teacher's, trunk lean within so many degrees of upright."""
@@ -121,7 +122,7 @@ class GaitChecks:
             self.tell(row)
         adapts = self.config.student.adapt_eta and self.teacher is not None and self.config.eta < 1
         if adapts and budget.reached(step, ADAPTS_FROM):
-            learner.eta = adapted(learner.eta, row)
+            learner.eta = max(least_eta(self.config.eta, budget.share(step)), adapted(learner.eta, row))
         pd.DataFrame(self.rows).to_csv(self.output / FILE, index=False)
         if self.config.student.end_early and self.passes() >= PASSES and not budget.reached(step, 0.5):
             budget.begin_second_half(step)
@@ -202,12 +203,18 @@ def adapted(eta: float, row: Mapping[str, float]) -> float:
         return eta
     speed, cadence = row["speed_error_percent"], row["cadence_error_percent"]
     if speed < -STANDING:
-        return min(MOST_ETA, eta * STANDING_FACTOR)
+        return max(eta, min(MOST_ETA, eta * STANDING_FACTOR))
     right_cadence = abs(cadence) <= CADENCE
     follows = speed * cadence > 0 and abs(cadence) <= FOLLOWS * abs(speed)
     if abs(speed) > SPEED and (right_cadence or follows):
-        return min(MOST_ETA, eta * SPEED_FACTOR)
-    return eta if right_cadence else max(LEAST_ETA, eta / ETA_FACTOR)
+        return max(eta, min(MOST_ETA, eta * SPEED_FACTOR))
+    return eta if right_cadence else eta / ETA_FACTOR
+
+
+def least_eta(first: float, share: float) -> float:
+    """What the weight does not fall below at a share of a training that began with `first`: it rises from there."""
+    late = min(1.0, max(0.0, (share - ADAPTS_FROM) / (LATE_FROM - ADAPTS_FROM)))
+    return min(first, LATE_ETA) + late * max(0.0, LATE_ETA - first)
 
 
 def percent(value: float, of: float) -> float:
