@@ -265,15 +265,17 @@ def test_the_policy_file_is_the_best_and_a_check_leaves_the_training_as_it_is(
 
 
 def test_the_weight_of_the_task_follows_what_is_wrong() -> None:
-    """More where the speed is wrong alone or with the cadence, less where the cadence is; not after falls."""
+    """More where the speed is too low alone or wrong with the cadence, less where it is too high alone or the cadence
+    is wrong; not after falls."""
 
     def at(speed: float, cadence: float, **others: float) -> float:
         return adapted(0.35, GOOD | {"speed_error_percent": speed, "cadence_error_percent": cadence} | others)
 
     more, less = pytest.approx(0.35 * 1.15), pytest.approx(0.35 / 1.1)
     assert (at(0.0, 0.0), at(-2.0, 4.0), at(-20.0, -20.0, falls=5.0)) == (0.35, 0.35, 0.35)
-    assert (at(-10.0, -6.0), at(10.0, 12.0), at(4.0, 0.0), at(-8.0, 4.0)) == (more, more, more, more)
+    assert (at(-10.0, -6.0), at(10.0, 12.0), at(-4.0, 0.0), at(-8.0, 4.0)) == (more, more, more, more)
     assert (at(-10.0, 6.0), at(5.0, -8.0), at(2.0, 6.0), at(0.0, -9.0)) == (less, less, less, less)
+    assert (at(4.0, 0.0), at(8.0, 4.0), at(4.0, -4.0)) == (less, less, less)
     assert (at(14.0, 38.0), at(-10.0, -16.0)) == (less, less)
     assert at(-60.0, 100.0) == pytest.approx(0.35 * 1.5)
     slow, other = {"speed_error_percent": -10.0, "cadence_error_percent": -10.0}, {"cadence_error_percent": 10.0}

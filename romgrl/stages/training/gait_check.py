@@ -197,18 +197,20 @@ class GaitChecks:
 
 def adapted(eta: float, row: Mapping[str, float]) -> float:
     """The weight of the task reward after a check: more of it where the walker stands, or its speed is wrong and the
-    cadence right or wrong with it; less of it, and so more imitation, where the cadence is wrong alone, more, or to the
-    other side; as it is where it falls or passes."""
+    cadence wrong with it, or its speed too low alone; less of it, and so more imitation, where the speed is too high
+    alone, or the cadence is wrong alone, more, or to the other side; as it is where it falls or passes.
+
+    A speed that is too high alone is that of the mean action: what the task pays for, the exploring one, is slower."""
     if row["falls"] > EPISODES / 4:
         return eta
     speed, cadence = row["speed_error_percent"], row["cadence_error_percent"]
     if speed < -STANDING:
         return max(eta, min(MOST_ETA, eta * STANDING_FACTOR))
     right_cadence = abs(cadence) <= CADENCE
-    follows = speed * cadence > 0 and abs(cadence) <= FOLLOWS * abs(speed)
-    if abs(speed) > SPEED and (right_cadence or follows):
+    follows = not right_cadence and speed * cadence > 0 and abs(cadence) <= FOLLOWS * abs(speed)
+    if abs(speed) > SPEED and follows or speed < -SPEED and right_cadence:
         return max(eta, min(MOST_ETA, eta * SPEED_FACTOR))
-    return eta if right_cadence else eta / ETA_FACTOR
+    return eta if right_cadence and speed <= SPEED else eta / ETA_FACTOR
 
 
 def least_eta(first: float, share: float) -> float:
