@@ -25,6 +25,7 @@ COSMETIC = {
     "parallel_stages",
     "checkpoint_seconds",
     "experiment",
+    "comparison",
     "paths.outputs",
     *NAME_KEYS,
 }
@@ -156,6 +157,7 @@ EDITED = {
     "stages/wiring/humanoid.py": HUMANOID_RUNS,
     "stages/wiring/artifact_arrays.py": TRAINED | {"evaluation", "report", "robustness"},
     "stages/training/gait_check.py": TRAINED,
+    "stages/training/adapted_eta.py": TRAINED,
     "stages/training/student_statistics.py": TRAINED,
     "gait/recording.py": ROM_LEARNED | TRAINED | {"evaluation"},
     "stages/rollouts/humanoid.py": {"evaluation"},

@@ -23,6 +23,7 @@ from romgrl.gait.metrics import describe
 from romgrl.gait.recording import record
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 from romgrl.runtime.stage_log import StageLog
+from romgrl.stages.training.adapted_eta import ADAPTS_FROM, CADENCE, SPEED, adapted, least_eta
 from romgrl.stages.training.budget import Budget
 from romgrl.stages.wiring.humanoid import humanoid_env, speed_sensitivity
 from romgrl.stages.wiring.imitated import read_imitated
@@ -30,17 +31,10 @@ from romgrl.stages.wiring.seeds import CHECK_SEED
 
 EPISODES, STEPS, LONGEST_WINDOW = 16, 300, 100
 FILE = "checks.csv"
-LATE_ETA, MOST_ETA, ETA_FACTOR = 0.5, 0.7, 1.1
-STANDING, STANDING_FACTOR, SPEED_FACTOR, FOLLOWS = 50.0, 1.5, 1.15, 1.5
-ADAPTS_FROM, LATE_FROM, PASSES = 0.32, 0.6, 2
-"""What the weight that `adapted` sets does not fall below late in a training, and its largest value; its change at a
-check where the cadence is wrong, where the walker is so many percent too slow that it stands in a pose that pays, and
-where its speed is wrong; how many times the error of the speed that of a cadence may be which follows from it; the
-shares of all steps that a student has to find its feet before, and from which on it is late; checks in a row after
-which the gait is the teacher's."""
-SPEED, CADENCE, LEAN = 3.0, 5.0, 10.0
-"""What a student passes with all episodes upright: speed and cadence within so many percent of what is asked and of
-the teacher's, trunk lean within so many degrees of upright."""
+PASSES = 2  # checks in a row after which the gait is the teacher's
+LEAN = 10.0
+"""What a student passes with all episodes upright: speed and cadence within SPEED and CADENCE percent of what is asked
+and of the teacher's, trunk lean within so many degrees of upright."""
 
 
 def shortcomings(row: Mapping[str, float]) -> list[str]:
@@ -122,7 +116,8 @@ class GaitChecks:
             self.tell(row)
         adapts = self.config.student.adapt_eta and self.teacher is not None and self.config.eta < 1
         if adapts and budget.reached(step, ADAPTS_FROM):
-            learner.eta = max(least_eta(self.config.eta, budget.share(step)), adapted(learner.eta, row))
+            new = adapted(learner.eta, row, fell=row["falls"] > EPISODES / 4)
+            learner.eta = max(least_eta(self.config.eta, budget.share(step)), new)
         pd.DataFrame(self.rows).to_csv(self.output / FILE, index=False)
         if self.config.student.end_early and self.passes() >= PASSES and not budget.reached(step, 0.5):
             budget.begin_second_half(step)
@@ -193,30 +188,6 @@ class GaitChecks:
         """Go on from a state."""
         self.rows = [dict(zip(state["names"], map(float, row), strict=True)) for row in state["rows"]]
         self.best = [torch.as_tensor(state[name]) for name in ("weights", "mean", "scale")] if self.rows else []
-
-
-def adapted(eta: float, row: Mapping[str, float]) -> float:
-    """The weight of the task reward after a check: more of it where the walker stands, or its speed is wrong and the
-    cadence wrong with it, or its speed too low alone; less of it, and so more imitation, where the speed is too high
-    alone, or the cadence is wrong alone, more, or to the other side; as it is where it falls or passes.
-
-    A speed that is too high alone is that of the mean action: what the task pays for, the exploring one, is slower."""
-    if row["falls"] > EPISODES / 4:
-        return eta
-    speed, cadence = row["speed_error_percent"], row["cadence_error_percent"]
-    if speed < -STANDING:
-        return max(eta, min(MOST_ETA, eta * STANDING_FACTOR))
-    right_cadence = abs(cadence) <= CADENCE
-    follows = not right_cadence and speed * cadence > 0 and abs(cadence) <= FOLLOWS * abs(speed)
-    if abs(speed) > SPEED and follows or speed < -SPEED and right_cadence:
-        return max(eta, min(MOST_ETA, eta * SPEED_FACTOR))
-    return eta if right_cadence and speed <= SPEED else eta / ETA_FACTOR
-
-
-def least_eta(first: float, share: float) -> float:
-    """What the weight does not fall below at a share of a training that began with `first`: it rises from there."""
-    late = min(1.0, max(0.0, (share - ADAPTS_FROM) / (LATE_FROM - ADAPTS_FROM)))
-    return min(first, LATE_ETA) + late * max(0.0, LATE_ETA - first)
 
 
 def percent(value: float, of: float) -> float:
