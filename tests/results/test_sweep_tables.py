@@ -12,7 +12,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from romgrl.config.schema import Config
-from romgrl.results import statistics, sweep_tables
+from romgrl.results import statistics, sweep_cells, sweep_tables
 from romgrl.results.sweep_cells import cells_table, headline_jobs, jobs_table, results
 from romgrl.results.sweep_figures import figures
 from romgrl.results.sweep_record import (
@@ -96,9 +96,12 @@ def test_two_keys_have_a_map_and_one_seed_is_told(default_config: Config, tmp_pa
     assert pd.read_csv(directory / "jobs.csv")["budget"].tolist() == ["student.total_steps 1000 of 2000"] * 4
 
 
-def test_held_out_seeds_have_rows_and_figures_of_their_own(default_config: Config, tmp_path: Path) -> None:
+def test_held_out_seeds_have_rows_and_figures_of_their_own(
+    default_config: Config, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     seeds = [str(seed) for seed in range(11)]
     sweep = swept(tmp_path, default_config, {"eta": ["0.3", "0.7"], "seed": seeds}, fail="eta=0.7 seed=10")
+    monkeypatch.setattr(sweep_cells, "NUMBERS", ["average/aligned/student"])
     directory = write_joint(sweep, tmp_path)
     cells = pd.read_csv(directory / "cells.csv").set_index(["eta", "number", "group"])
     error = cells.loc[(0.3, "average/aligned/student")]
