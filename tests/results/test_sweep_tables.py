@@ -101,7 +101,7 @@ def test_held_out_seeds_have_rows_and_figures_of_their_own(
 ) -> None:
     seeds = [str(seed) for seed in range(11)]
     sweep = swept(tmp_path, default_config, {"eta": ["0.3", "0.7"], "seed": seeds}, fail="eta=0.7 seed=10")
-    monkeypatch.setattr(sweep_cells, "NUMBERS", ["average/aligned/student"])
+    monkeypatch.setattr(sweep_cells, "NUMBERS", ["average/aligned/student", "average/aligned/reduction_percent"])
     directory = write_joint(sweep, tmp_path)
     cells = pd.read_csv(directory / "cells.csv").set_index(["eta", "number", "group"])
     error = cells.loc[(0.3, "average/aligned/student")]
