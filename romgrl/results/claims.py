@@ -11,19 +11,19 @@ from typing import Any
 import numpy as np
 import yaml
 
-from romgrl.results.evaluation_index import FinishedEvaluation
+from romgrl.results.comparisons import SIGNIFICANT, paired_p, unpaired_p
+from romgrl.results.evaluation_index import CADENCE_OFF, FinishedEvaluation
 from romgrl.results.statistics import (
+    FEWEST_SEEDS,
     Interval,
+    Summary,
     improvement_interval,
     probability_of_improvement,
     summarize,
 )
 
 CLAIMS = Path(__file__).with_name("claims.yaml")
-FEWEST_SEEDS = 3  # below, nothing is said
-ENOUGH_SEEDS = 5  # from here on, an interval that leaves it open counts against the claim
-EVEN = 0.5  # probability of improvement where nothing is better
-TOO_FEW, TOO_SHORT = "too few seeds", "evaluated too briefly"
+TOO_FEW, TOO_SHORT, OTHER_CADENCES = "too few seeds", "evaluated too briefly", "cadences differ"
 YES = {"paper": "reproduced", "project": "reached"}
 NO = {"paper": "not reproduced", "project": "not reached"}
 INTERVALS: dict[str, Callable[[float, float], tuple[float, float]]] = {
@@ -31,7 +31,7 @@ INTERVALS: dict[str, Callable[[float, float], tuple[float, float]]] = {
     "above": lambda value, tolerance: (math.nextafter(value, math.inf), math.inf),
     "at_most": lambda value, tolerance: (-math.inf, value),
     "about": lambda value, tolerance: (value - tolerance, value + tolerance),
-    "better": lambda value, tolerance: (math.nextafter(EVEN, 1.0), 1.0),
+    "better": lambda value, tolerance: (0.0, SIGNIFICANT),  # of the paired p
 }
 SIGNS = {"at_least": "≥ ", "above": "> ", "at_most": "≤ ", "about": ""}
 
@@ -48,10 +48,12 @@ class Claim:
     relation: str
     judged_by: str
     source: str
+    set: str
     value: float = math.nan
     tolerance: float = 0.0
     than: str | None = None
     way: str | None = None
+    same_cadence: float | None = None
     needs: Mapping[str, float] = field(default_factory=dict)
     where: Mapping[str, Any] = field(default_factory=dict)
 
@@ -70,14 +72,27 @@ class Claim:
 
 
 @dataclass(frozen=True)
+class Comparison:
+    """How surely one number is better than another over seeds.
+
+    paired, unpaired: exact p; improvement: the probability of improvement, with its interval.
+    """
+
+    paired: float
+    unpaired: float
+    improvement: float
+    interval: Interval
+
+
+@dataclass(frozen=True)
 class Finding:
-    """What the seeds say about a claim: an estimate with its interval; a probability of improvement for `better`."""
+    """What the seeds say about a claim. `comparison`: of a claim that one number is better than another; else None."""
 
     claim: Claim
-    estimate: float
-    interval: Interval
     values: tuple[float, ...]
+    summary: Summary
     verdict: str
+    comparison: Comparison | None = None
 
 
 def read_claims(path: Path = CLAIMS) -> list[Claim]:
@@ -97,21 +112,46 @@ def claims_for(settings: Mapping[str, Any], claims: Sequence[Claim]) -> list[Cla
 def finding_of(claim: Claim, evaluations: Sequence[FinishedEvaluation]) -> Finding:
     """Compare a claim with evaluations of different seeds."""
     values = column(evaluations, claim.measure)
-    if claim.than is None:
-        summary = summarize(values)
-        estimate, ends = summary.mean, summary.mean_interval
-    else:
+    summary, comparison = summarize(values), None
+    estimate = summary.mean
+    if claim.than is not None:
         assert claim.way in ("larger", "smaller")
-        sign = 1.0 if claim.way == "larger" else -1.0
-        ours, theirs = (sign * known(column(evaluations, name)) for name in (claim.measure, claim.than))
-        estimate, ends = probability_of_improvement(ours, theirs), improvement_interval(ours, theirs)
-        values = [value + 0 * other for value, other in zip(values, column(evaluations, claim.than), strict=True)]
+        others = column(evaluations, claim.than)
+        comparison = compare(values, others, larger=claim.way == "larger")
+        estimate = comparison.paired
+        values = [value + 0 * other for value, other in zip(values, others, strict=True)]
     brief = any(each.settings.get(key, 0) < least for each in evaluations for key, least in claim.needs.items())
-    return Finding(claim, estimate, ends, tuple(values), decide(claim, estimate, ends, values, brief=brief))
+    verdict = decide(claim, estimate, summary.mean_interval, values, brief=brief)
+    if claim.same_cadence is not None and cadences_differ(evaluations, claim):
+        verdict = OTHER_CADENCES
+    return Finding(claim, tuple(values), summary, verdict, comparison)
+
+
+def compare(ours: Sequence[float], theirs: Sequence[float], *, larger: bool) -> Comparison:
+    """Tell how surely `ours` is better, larger or smaller; one number per seed of each, in the same order."""
+    sign = 1.0 if larger else -1.0
+    first, second = sign * np.asarray(ours, float), sign * np.asarray(theirs, float)
+    samples = known(first), known(second)
+    return Comparison(
+        paired_p(first, second),
+        unpaired_p(first, second),
+        probability_of_improvement(*samples),
+        improvement_interval(*samples),
+    )
+
+
+def cadences_differ(evaluations: Sequence[FinishedEvaluation], claim: Claim) -> bool:
+    """Tell whether a walker of a claim has not the teacher's cadence in some seed, or has none."""
+    walkers = {name.partition("/")[0] for name in (claim.measure, claim.than or claim.measure)}
+    off = [each for walker in walkers for each in column(evaluations, f"{walker}/{CADENCE_OFF}")]
+    return not all(each <= claim.same_cadence for each in off if claim.same_cadence is not None)
 
 
 def decide(claim: Claim, estimate: float, ends: Interval, values: Sequence[float], *, brief: bool = False) -> str:
-    """The verdict. nan among the values is a seed without the number, which counts against the claim."""
+    """The verdict. nan among the values is a seed without the number, which counts against the claim.
+
+    estimate: the mean of the values, or what is better the paired p; ends: the interval of the mean.
+    """
     limits = claim.limits
 
     def holds(value: float) -> bool:
@@ -123,11 +163,9 @@ def decide(claim: Claim, estimate: float, ends: Interval, values: Sequence[float
         return TOO_FEW
     if any(math.isnan(value) for value in values):
         return NO[claim.of]
-    if claim.judged_by == "mean" and not holds(estimate):
+    judged = {"interval": (ends.low, ends.high), "every_seed": ()}.get(claim.judged_by, (estimate,))
+    if not all(map(holds, judged)):
         return NO[claim.of]
-    if claim.judged_by == "interval" and not (holds(ends.low) and holds(ends.high)):
-        outside = ends.high < limits.low or ends.low > limits.high
-        return NO[claim.of] if outside or len(values) >= ENOUGH_SEEDS else TOO_FEW
     return TOO_SHORT if brief else YES[claim.of]
 
 

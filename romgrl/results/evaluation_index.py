@@ -13,12 +13,16 @@ from romgrl.artifacts import Manifest, open_artifact, read_manifest
 from romgrl.config.schema import Config
 from romgrl.config.values import show
 from romgrl.errors import ArtifactError
+from romgrl.gait.null_models import OVER_VARIANCE
 from romgrl.provenance.stage_graph import STAGES, upstream_of
 from romgrl.provenance.stage_keys import stage_settings
-from romgrl.report.terminal_tables import result_metrics, with_weakest
+from romgrl.report.terminal_tables import number, read_rows, result_metrics, with_weakest
 
 LINEAGE = tuple(stage for stage in STAGES if stage in upstream_of("evaluation") | {"evaluation"})
 SHOWN_DIFFERENCES = 3
+CADENCE_OFF = "stride_frequency_deviation_percent"  # from the teacher's
+TOUCHDOWNS = "touchdown_asymmetry_strides"
+EVEN_TOUCHDOWNS = 0.5  # strides from a touchdown of one foot to that of the other
 TEACHER = "trained_teacher"  # the check that ends its training; `teacher` is what the reference has of it
 
 Catalogue = dict[str, dict[str, list[Manifest]]]  # stage -> digest -> manifests of artifacts with that content
@@ -66,15 +70,30 @@ def read_evaluation(directory: Path, known: Catalogue) -> FinishedEvaluation:
     for teacher in lineage.get("teacher", [])[:1]:
         own = result_metrics(directory.parent.with_name("teacher") / teacher.key)
         numbers |= {f"{TEACHER}/{name.partition('/')[2]}": value for name, value in own.items()}
+    numbers |= errors_by_channel(directory)
     return FinishedEvaluation(directory, manifest, lineage, with_weakest(numbers) | derived(numbers))
 
 
+def errors_by_channel(evaluation: Path) -> dict[str, float]:
+    """The errors over variance of student, baseline and teacher, as error_over_variance/pelvis_y/student."""
+    rows = (row for row in read_rows(evaluation / "null_models.csv") if row["measure"] == OVER_VARIANCE)
+    own = (row for row in rows if row["walker"] in ("teacher", "student", "baseline"))
+    found = {f"{OVER_VARIANCE}/{row['channel']}/{row['walker']}": number(row["value"]) for row in own}
+    return {name: value for name, value in found.items() if math.isfinite(value)}
+
+
 def derived(numbers: Mapping[str, float]) -> dict[str, float]:
-    """How far the student's cadence is from the teacher's."""
+    """How far cadences of student and baseline are from the teacher's, and how unevenly walkers set down their feet."""
     found = {}
-    student, teacher = (numbers.get(f"{walker}/stride_frequency_hz", math.nan) for walker in ("student", "teacher"))
-    if math.isfinite(student) and teacher > 0:
-        found["student/stride_frequency_deviation_percent"] = 100.0 * abs(student / teacher - 1.0)
+    teacher = numbers.get("teacher/stride_frequency_hz", math.nan)
+    for walker in ("student", "baseline"):
+        cadence = numbers.get(f"{walker}/stride_frequency_hz", math.nan)
+        if math.isfinite(cadence) and teacher > 0:
+            found[f"{walker}/{CADENCE_OFF}"] = 100.0 * abs(cadence / teacher - 1.0)
+    for name, phase in numbers.items():
+        walker, _, measure = name.partition("/")
+        if measure == "touchdown_phase_strides":
+            found[f"{walker}/{TOUCHDOWNS}"] = abs(phase - EVEN_TOUCHDOWNS)
     return found
 
 

@@ -12,6 +12,7 @@ from romgrl.artifacts import read_manifest
 from romgrl.report.numbers import fixed
 from romgrl.report.tables import markdown
 from romgrl.report.terminal_tables import GROWING
+from romgrl.results.seed_groups import by_group, told
 from romgrl.results.sweep_cells import JobResult, located
 
 STAGE = "robustness"
@@ -33,12 +34,17 @@ def write_disturbances(jobs: Sequence[JobResult], outputs: Path, directory: Path
     from romgrl.report.fall_rate_figure import fall_rates  # matplotlib takes a second to import
     from romgrl.report.style import save
 
-    table = over_seeds([pd.read_csv(place / "robustness.csv") for place in places])
-    table.to_csv(directory / f"{CURVES}.csv", index=False)
-    speed = float(read_manifest(places[0]).config["speed"])
-    seeds = f"{len(places)} seed{'s' if len(places) > 1 else ''}"
-    save(fall_rates(table, speed, bands=f"smallest to largest of {seeds}"), directory, CURVES)
-    return [markdown(limits(table)), orbits(jobs), ""]
+    groups = by_group(places, lambda place: read_manifest(place).seed)
+    tables = [over_seeds([pd.read_csv(place / "robustness.csv") for place in members]) for members in groups.values()]
+    tables[0].to_csv(directory / f"{CURVES}.csv", index=False)  # of held-out seeds, where there are any
+    speed, count = float(read_manifest(places[0]).config["speed"]), len(next(iter(groups.values())))
+    seeds = f"{count} seed{'s' if count > 1 else ''}"
+    save(fall_rates(tables[0], speed, bands=f"smallest to largest of {seeds}"), directory, CURVES)
+    text = []
+    for members, table in zip(groups.values(), tables, strict=True):
+        names = told([read_manifest(place).seed for place in members])
+        text += [f"{names[0].upper()}{names[1:]}:", "", markdown(limits(table))]
+    return [*text, orbits(jobs), ""]
 
 
 def over_seeds(tables: Sequence[pd.DataFrame]) -> pd.DataFrame:

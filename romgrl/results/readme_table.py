@@ -15,6 +15,7 @@ from romgrl.report.numbers import fixed
 from romgrl.report.style import CHANNEL_LABELS
 from romgrl.report.tables import DISTANCE_LABELS, markdown
 from romgrl.results.results_document import CLAIMED, merged
+from romgrl.results.seed_groups import CHOSEN, HELD_OUT, group_of
 from romgrl.results.sweep_cells import JobResult, results
 from romgrl.results.sweep_record import sweeps
 
@@ -69,16 +70,17 @@ def readme_text(outputs: Path, document: Path) -> str:
 
 
 def runs_table(jobs: Sequence[JobResult]) -> pd.DataFrame:
-    """One row per number, one column per speed and teacher: the mean over the seeds, the smallest and the largest."""
-    groups: dict[tuple[float, float], list[JobResult]] = {}
+    """One row per number, one column per speed, teacher and group of seeds: mean over seeds, smallest and largest."""
+    groups: dict[tuple[float, float, bool], list[JobResult]] = {}
     for each in jobs:
         assert each.evaluation is not None
         of = each.evaluation.settings
-        groups.setdefault((float(of["speed"]), float(of["teacher.speed"])), []).append(each)
+        held_out = group_of(each.evaluation.manifest.seed) == HELD_OUT
+        groups.setdefault((float(of["speed"]), float(of["teacher.speed"]), held_out), []).append(each)
     table = {"mean (smallest to largest)": [label for label, _ in README_ROWS.values()]}
-    for (speed, taught), several in sorted(groups.items(), reverse=True):
-        seeds = len({each.evaluation.manifest.seed for each in several if each.evaluation})
-        title = f"{speed:g} m/s, {seeds} seed{'s' if seeds > 1 else ''}"
+    for (speed, taught, held_out), several in sorted(groups.items(), key=lambda item: item[0], reverse=True):
+        seeds = len({each.seed for each in several})
+        title = f"{speed:g} m/s, {seeds} seed{'s' if seeds > 1 else ''} ({HELD_OUT if held_out else CHOSEN})"
         title += f", teacher of {taught:g} m/s" if taught != speed else ""
         title += ", short budget" if any(each.short for each in several) else ""
         table[title] = [mean_and_range(several, name, decimals) for name, (_, decimals) in README_ROWS.items()]

@@ -15,23 +15,27 @@ import pandas as pd
 from romgrl.artifacts import storage_faults, write_bytes
 from romgrl.errors import ArtifactError
 from romgrl.report.tables import markdown
+from romgrl.results.claim_sheets import alignments_sheet, claims_sheet, comparisons_sheet
 from romgrl.results.claims import claims_for, finding_of, read_claims
 from romgrl.results.evaluation_index import FinishedEvaluation, codes
-from romgrl.results.sweep_cells import JobResult, results
+from romgrl.results.seed_groups import by_group, told
+from romgrl.results.sweep_cells import JobResult, by_cell, results, seed_of
 from romgrl.results.sweep_record import Sweep, settings, sweeps
 from romgrl.results.sweep_tables import failures, write_tables
-from romgrl.results.verify import baseline_sheet, claims_sheet, errors_sheet, plural, warnings
+from romgrl.results.verify import baseline_sheet, errors_sheet, plural, warnings
 
 PAPER = "paper"
 CLAIMED = (PAPER, "walking")  # the sweeps whose cells the claims are compared with
 PRIVATE = ("paths", "tracking")  # what of a command is about one machine
 TRAININGS = ("teacher", "student", "baseline")
-PARTS = ("claims", "errors", "baseline")
+PARTS = ("claims", "comparisons", "alignments", "errors", "baseline")
 HEAD = """# Results
 
 All of it is written by `python -m romgrl.results outputs docs` from the artifacts of sweeps; the numbers are in
-`docs/results/` as CSV, too. Brackets hold 95% bootstrap intervals over seeds, and [method.md](method.md) says how to
-read them. `one seed` and `short budget` (fewer training steps than the default) stand beside what that is true of,
+`docs/results/` as CSV, too. Square brackets hold 95% bootstrap intervals over seeds, parentheses the smallest and
+largest of fewer than five seeds, which are too few for a verdict; [method.md](method.md) says how to read them, and p.
+Seeds 0 to 4 chose the settings; held-out seeds stand apart, and figures and claims are of them where there are any.
+`one seed` and `short budget` (fewer training steps than the default) stand beside what that is true of,
 `baseline falls` where there is no baseline to compare with. Where a target is missed, trials.md says
 [what was tried](trials.md#what-decides-the-students-cadence).
 """
@@ -164,38 +168,44 @@ def provenance(sweep: Sweep, jobs: Sequence[JobResult]) -> str:
 
 
 def claims(jobs: Sequence[JobResult], directory: Path) -> list[str]:
-    """The claims about each cell, its errors and the spread of its baseline."""
+    """The claims about each cell, its errors and the spread of its baseline; held-out seeds apart, and first."""
     text = []
-    cells: dict[tuple[str, ...], list[JobResult]] = {}
-    for each in jobs:
-        if each.evaluation is not None:
-            cells.setdefault(each.cell, []).append(each)
-    for cell in cells.values():
-        evaluations = [each.evaluation for each in cell if each.evaluation is not None]
-        of = evaluations[0].settings
-        name = f"{of['speed']:g} m/s, teacher of {of['teacher.speed']:g} m/s"
-        text += [f"### Claims at {name}", "", *notes_of(cell), *claim_tables(evaluations, directory)]
+    for cell in by_cell(each for each in jobs if each.evaluation is not None):
+        groups = by_group(cell, seed_of)
+        for place, (group, members) in enumerate(groups.items()):
+            evaluations = [each.evaluation for each in members if each.evaluation is not None]
+            of = evaluations[0].settings
+            name = f"{of['speed']:g} m/s, teacher of {of['teacher.speed']:g} m/s"
+            name += f", seeds that {group}" if place else ""
+            tables = claim_tables(evaluations, directory, "_chosen" if place else "")
+            text += [f"### Claims at {name}", "", *notes_of(members), *tables]
     return text
 
 
 def notes_of(cell: Sequence[JobResult]) -> list[str]:
     """What must stand beside the numbers of a cell."""
-    seeds = ", ".join(each.swept.get("seed", "default") for each in cell)
-    lines = [f"Seeds {seeds}." if len(cell) > 1 else f"One seed ({seeds})."]
+    seeds = told([each.seed for each in cell if each.seed is not None])
+    lines = [f"{seeds[0].upper()}{seeds[1:]}."]
     if any(each.short for each in cell):
         lines.append("Short budget: " + "; ".join(dict.fromkeys(text for each in cell for text in each.short)) + ".")
     return [" ".join(lines), ""]
 
 
-def claim_tables(evaluations: list[FinishedEvaluation], directory: Path) -> list[str]:
-    """Claims, errors, spread of the baseline and warnings; each table as CSV, too."""
+def claim_tables(evaluations: list[FinishedEvaluation], directory: Path, ending: str) -> list[str]:
+    """Claims, errors, spread of the baseline and warnings; each table as CSV, too, its name with this ending."""
     of = evaluations[0].settings
     findings = [finding_of(claim, evaluations) for claim in claims_for(of, read_claims())]
-    sheets = [claims_sheet(findings), errors_sheet(evaluations), baseline_sheet(evaluations)]
+    sheets = [
+        claims_sheet(findings),
+        comparisons_sheet(findings),
+        alignments_sheet(findings, evaluations),
+        errors_sheet(evaluations),
+        baseline_sheet(evaluations),
+    ]
     text = []
     for part, sheet in zip(PARTS, sheets, strict=True):
         if sheet.rows:
-            name = f"{PAPER}_{part}_{of['speed']:g}_teacher_{of['teacher.speed']:g}.csv"
+            name = f"{PAPER}_{part}_{of['speed']:g}_teacher_{of['teacher.speed']:g}{ending}.csv"
             pd.DataFrame(sheet.rows, columns=list(sheet.columns)).to_csv(directory / name, index=False)
             text += [f"{sheet.title}:", "", sheet.markdown()]
     return [*text, *(f"- {line}" for line in warnings(evaluations)), ""]

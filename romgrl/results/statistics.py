@@ -1,7 +1,8 @@
 """Statistics over seeds (Agarwal et al. 2021, Deep Reinforcement Learning at the Edge of the Statistical Precipice).
 
 A sample holds one number per seed. Several samples are strata: each is resampled by itself, and the statistic is that
-of all resampled numbers together. Intervals are percentile intervals of scipy's bootstrap.
+of all resampled numbers together. Intervals are percentile intervals of scipy's bootstrap, of five seeds or more: one
+of two to four is little but their smallest and largest value. Which of two is better: romgrl/results/comparisons.py.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from scipy.stats import bootstrap, trim_mean
 
 CONFIDENCE = 0.95
 RESAMPLES = 9_999
+FEWEST_SEEDS = 5  # below, there is no interval and no verdict
 SEED = 2021  # of the resampling, so that the same numbers have the same interval
 
 Floats = NDArray[np.float64]
@@ -26,10 +28,15 @@ Statistic = Callable[..., Any]
 
 @dataclass(frozen=True)
 class Interval:
-    """Ends of a confidence interval; both nan where there are fewer than two numbers."""
+    """Ends of a confidence interval; both nan where there is none."""
 
     low: float
     high: float
+
+    @property
+    def known(self) -> bool:
+        """Tell whether there is one."""
+        return math.isfinite(self.low)
 
 
 @dataclass(frozen=True)
@@ -51,8 +58,8 @@ class Summary:
 
     @cached_property
     def mean_interval(self) -> Interval:
-        """Interval of the mean."""
-        return interval([self.values])
+        """Interval of the mean; none below FEWEST_SEEDS values."""
+        return interval([self.values]) if len(self.values) >= FEWEST_SEEDS else NOWHERE
 
     @property
     def iqm(self) -> float:
@@ -61,8 +68,8 @@ class Summary:
 
     @cached_property
     def iqm_interval(self) -> Interval:
-        """Interval of the interquartile mean."""
-        return interval([self.values], interquartile_mean)
+        """Interval of the interquartile mean; none below FEWEST_SEEDS values."""
+        return interval([self.values], interquartile_mean) if len(self.values) >= FEWEST_SEEDS else NOWHERE
 
     @property
     def deviation(self) -> float:
@@ -110,11 +117,15 @@ def probability_of_improvement(ours: Floats, theirs: Floats) -> float:
 
 
 def improvement_interval(ours: Floats, theirs: Floats) -> Interval:
-    """95% bootstrap interval of the probability of improvement; both samples are resampled independently."""
+    """95% bootstrap interval of the probability of improvement; both samples are resampled independently.
+
+    None below FEWEST_SEEDS, nor where every resample says the same, as those of samples that do not overlap do.
+    """
     samples = [np.asarray(ours, float), np.asarray(theirs, float)]
-    if min(map(len, samples)) < 2:
+    if min(map(len, samples)) < FEWEST_SEEDS:
         return NOWHERE
-    return resampled(samples, lambda x, y, axis: share_of_wins(x, y))
+    ends = resampled(samples, lambda x, y, axis: share_of_wins(x, y))
+    return NOWHERE if ends.low == ends.high else ends
 
 
 def share_of_wins(ours: Floats, theirs: Floats) -> Any:

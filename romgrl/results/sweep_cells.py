@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
 from romgrl.artifacts import Manifest
@@ -18,8 +17,17 @@ from romgrl.gait.features import CHANNELS
 from romgrl.gait.measures import SWEPT
 from romgrl.gait.null_models import AVERAGE, MEAN_ERROR, OVER_VARIANCE, REDUCTIONS, SCORED
 from romgrl.report.terminal_tables import result_metrics, robustness_metrics, with_falls
-from romgrl.results.evaluation_index import TEACHER, Catalogue, FinishedEvaluation, catalogue, read_evaluation
-from romgrl.results.statistics import improvement_interval, probability_of_improvement, summarize
+from romgrl.results.claims import TOO_FEW, compare
+from romgrl.results.evaluation_index import (
+    TEACHER,
+    TOUCHDOWNS,
+    Catalogue,
+    FinishedEvaluation,
+    catalogue,
+    read_evaluation,
+)
+from romgrl.results.seed_groups import by_group, headline
+from romgrl.results.statistics import FEWEST_SEEDS, summarize
 from romgrl.results.sweep_record import JobEnd, Sweep, settings
 
 SEED_KEY = "seed"
@@ -35,7 +43,8 @@ NUMBERS = [
     *(f"{measure}/{AVERAGE}/{walker}" for measure in (OVER_VARIANCE, *REDUCTIONS.values()) for walker in NULLS),
     *(f"{measure}/{MEAN_ERROR}/{walker}" for measure in REDUCTIONS.values() for walker in ("student", *NULLS)),
     *(f"{name}/{walker}" for name in DISTANCE_NUMBERS for walker in NULLS),
-    *(f"{walker}/{name}" for walker in SUMMARISED for name in SWEPT),
+    *(f"{OVER_VARIANCE}/{channel}/{walker}" for channel in CHANNELS for walker in SUMMARISED[:3]),
+    *(f"{walker}/{name}" for walker in SUMMARISED for name in (*SWEPT, TOUCHDOWNS)),
     "student/stride_frequency_deviation_percent",
 ]
 
@@ -55,6 +64,11 @@ class JobResult:
     def cell(self) -> tuple[str, ...]:
         """The values of all swept keys but the seed."""
         return tuple(value for key, value in self.swept.items() if key != SEED_KEY)
+
+    @property
+    def seed(self) -> int | None:
+        """The seed of its student; None of a job that evaluates none."""
+        return None if self.evaluation is None else self.evaluation.manifest.seed
 
 
 def of_students(cells: pd.DataFrame) -> bool:
@@ -130,27 +144,45 @@ def training_seconds(evaluation: FinishedEvaluation) -> float:
     return sum(several[0].wall_time for several in evaluation.lineage.values())
 
 
-def cells_table(found: list[JobResult]) -> pd.DataFrame:
-    """One row per cell and number: its statistics over seeds."""
+def by_cell(found: Iterable[JobResult]) -> list[list[JobResult]]:
+    """The jobs that ended well, cell by cell."""
     cells: dict[tuple[str, ...], list[JobResult]] = {}
     for each in found:
         if each.error is None:
             cells.setdefault(each.cell, []).append(each)
+    return [*cells.values()]
+
+
+def headline_jobs(found: Iterable[JobResult]) -> list[JobResult]:
+    """Of each cell the jobs of held-out seeds, where there are any; all of them otherwise."""
+    return [each for several in by_cell(found) for each in headline(several, seed_of)]
+
+
+def seed_of(job: JobResult) -> int | None:
+    """The seed of a job's student."""
+    return job.seed
+
+
+def cells_table(found: list[JobResult]) -> pd.DataFrame:
+    """One row per cell, group of seeds and number: its statistics over seeds."""
     rows = []
-    for several in cells.values():
+    for several in by_cell(found):
         swept = {key: value for key, value in several[0].swept.items() if key != SEED_KEY}
-        rows += [swept | row for row in (number_row(several, measure) for measure in NUMBERS) if row]
+        for group, members in by_group(several, seed_of).items():
+            numbers = (number_row(members, measure, group) for measure in NUMBERS)
+            rows += [swept | row for row in numbers if row]
     return pd.DataFrame(rows)
 
 
-def number_row(several: list[JobResult], measure: str) -> dict[str, Any]:
-    """The statistics of one number over the seeds of a cell; none where no seed has it."""
+def number_row(several: list[JobResult], measure: str, group: str) -> dict[str, Any]:
+    """The statistics of one number over the seeds of a group; none where no seed has it."""
     values = [each.numbers.get(measure, math.nan) for each in several]
     summary = summarize(values)
     if not len(summary.values):
         return {}
     row: dict[str, Any] = {
         "number": measure,
+        "group": group,
         "seeds": summary.seeds,
         "without": summary.missing,
         "mean": summary.mean,
@@ -168,25 +200,30 @@ def number_row(several: list[JobResult], measure: str) -> dict[str, Any]:
 
 
 def improvement(several: list[JobResult], measure: str) -> dict[str, float]:
-    """Probability that the student's error or distance is below the baseline's."""
+    """How surely the student's error or distance is below the baseline's."""
     if not measure.endswith("/student") or measure.partition("/")[0] in REDUCTIONS.values():
         return {}
     other = measure.removesuffix("student") + "baseline"
-    ours, theirs = (
-        -np.array([each.numbers[name] for each in several if name in each.numbers]) for name in (measure, other)
-    )
-    if not (len(ours) and len(theirs)):
+    ours, theirs = ([each.numbers.get(name, math.nan) for each in several] for name in (measure, other))
+    found = compare(ours, theirs, larger=False)
+    if not math.isfinite(found.improvement):
         return {}
-    ends = improvement_interval(ours, theirs)
     return {
-        "improvement": probability_of_improvement(ours, theirs),
-        "improvement_low": ends.low,
-        "improvement_high": ends.high,
+        "improvement": found.improvement,
+        "improvement_low": found.interval.low,
+        "improvement_high": found.interval.high,
+        "paired_p": found.paired,
+        "unpaired_p": found.unpaired,
     }
 
 
 def note(several: list[JobResult]) -> str:
     """What must stand beside the numbers of a cell."""
     alone = any("baseline/falls_percent" in each.numbers and BASELINE not in each.numbers for each in several)
-    said = {"one seed": len(several) == 1, "short budget": any(each.short for each in several), "baseline falls": alone}
+    said = {
+        "one seed": len(several) == 1,
+        TOO_FEW: 1 < len(several) < FEWEST_SEEDS,
+        "short budget": any(each.short for each in several),
+        "baseline falls": alone,
+    }
     return ", ".join(text for text, true in said.items() if true)

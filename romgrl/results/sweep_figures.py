@@ -1,4 +1,4 @@
-"""Figures of a sweep: numbers against each swept key with bootstrap intervals over seeds, and maps of two keys."""
+"""Figures of a sweep: numbers against each swept key with bootstrap intervals or ranges over seeds, and maps of two."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 from romgrl.gait.measures import MEASURES
 from romgrl.report.numbers import significant
 from romgrl.report.style import BASELINE, INK, STUDENT, TEACHER, dress, new_figure
+from romgrl.results.statistics import FEWEST_SEEDS
 from romgrl.results.sweep_cells import SEED_KEY, of_students
 
 Keys = tuple[str, ...]
@@ -88,7 +89,7 @@ def ordered(values: pd.Series) -> list[str]:
 def against(
     key: str, keys: list[str], cells: pd.DataFrame, jobs: pd.DataFrame, panels: dict[str, dict[str, str]], title: str
 ) -> Figure:
-    """Numbers against one key: mean with 95% interval, the seeds as dots; a line for each value of the others."""
+    """Numbers against one key: mean with 95% interval or range, seeds as dots; a line for each value of the others."""
     figure = new_figure(11.0, 6.4)
     plots = figure.subplots(2, 3).ravel()
     others = [name for name in keys if name != key]
@@ -147,7 +148,8 @@ def draw_line(
         return
     x = rows[key].map(places).to_numpy(float) + offset
     mean = rows["mean"].to_numpy(float)
-    ends = np.abs(rows[["low", "high"]].to_numpy(float).T - mean)
+    low, high = (rows[end].fillna(rows[most]) for end, most in (("low", "smallest"), ("high", "largest")))
+    ends = np.abs(np.stack((low, high)).astype(float) - mean)
     look: dict[str, Any] = {"color": color, "linestyle": style, "linewidth": 1.4, "capsize": 2.5}
     axes.errorbar(x, mean, np.nan_to_num(ends), marker="" if style else ".", label=name or None, **look)
     if measure in jobs:
@@ -195,7 +197,9 @@ def note_of(cells: pd.DataFrame) -> str:
     seeds = (
         "one seed, no interval" if most == 1 else f"mean of {fewest if fewest == most else f'{fewest} to {most}'} seeds"
     )
-    seeds += "" if most == 1 else ", 95% bootstrap interval, a dot per seed"
+    bars = "smallest to largest" if most < FEWEST_SEEDS else "95% bootstrap interval"
+    bars += " (fewer than five: smallest to largest)" if fewest < FEWEST_SEEDS <= most else ""
+    seeds += "" if most == 1 else f", {bars}, a dot per seed"
     return seeds + ("; short budget" if cells["note"].str.contains("short budget").any() else "")
 
 

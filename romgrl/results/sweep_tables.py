@@ -8,12 +8,24 @@ from typing import Any
 
 import pandas as pd
 
-from romgrl.report.numbers import significant
+from romgrl.report.numbers import UNKNOWN, significant
 from romgrl.report.tables import markdown
+from romgrl.results.against_student import write_against_student
 from romgrl.results.fall_rates import write_disturbances
-from romgrl.results.sweep_cells import SEED_KEY, JobResult, cells_table, jobs_table, of_students, results
+from romgrl.results.seed_groups import told
+from romgrl.results.statistics import Interval
+from romgrl.results.sweep_cells import (
+    SEED_KEY,
+    JobResult,
+    cells_table,
+    headline_jobs,
+    jobs_table,
+    of_students,
+    results,
+)
 from romgrl.results.sweep_cost import best_jobs, cost
 from romgrl.results.sweep_record import RESULTS, Sweep
+from romgrl.results.text_table import BRACKETS, with_interval, with_range
 
 TABLE_FILE = "table.md"
 TABLE_COLUMNS = {
@@ -57,8 +69,11 @@ def write_tables(sweep: Sweep, found: list[JobResult], outputs: Path, directory:
     jobs.to_csv(directory / "jobs.csv", index=False)
     cells.to_csv(directory / "cells.csv", index=False)
     if set(cells.get("number", ())) & DRAWN:
-        save_figures(cells, jobs, sweep.title, directory)
-    text = write_disturbances(found, outputs, directory) or [joint_table(cells)]
+        drawn = headline_jobs(found)
+        shown = cells if len(drawn) == sum(each.error is None for each in found) else cells_table(drawn)
+        save_figures(shown, jobs_table(drawn), sweep.title, directory)
+    text = write_disturbances(found, outputs, directory) or [*seeds_line(found), joint_table(cells)]
+    text += write_against_student(sweep, found, directory)
     return text, [path for path in sorted(directory.iterdir()) if path.suffix in (".csv", ".png")]
 
 
@@ -72,31 +87,47 @@ def save_figures(cells: pd.DataFrame, jobs: pd.DataFrame, title: str, directory:
 
 
 def joint_table(cells: pd.DataFrame) -> str:
-    """One row per cell: mean [95% interval] of the main numbers, probability of improvement, seeds, what to know."""
+    """One row per cell and group of seeds: means of the main numbers with intervals or ranges, how surely the error is
+    below the baseline's, seeds, what to know."""
     if cells.empty:
         return "No job has numbers to compare.\n"
     keys = [name for name in cells.columns[: list(cells.columns).index("number")] if name != SEED_KEY]
     columns = TABLE_COLUMNS if of_students(cells) else TEACHER_COLUMNS
     rows = []
-    for values, cell in cells.groupby(keys, sort=False) if keys else [((), cells)]:
+    several = cells["group"].nunique() > 1
+    for values, cell in cells.groupby([*keys, "group"], sort=False):
         by_number = cell.set_index("number")
-        row: dict[str, Any] = dict(zip(keys, values, strict=True))
+        row: dict[str, Any] = dict(zip(keys, values[:-1], strict=True))
+        row |= {"these seeds": values[-1]} if several else {}
         for measure, label in columns.items():
             row[label] = written(by_number.loc[measure]) if measure in by_number.index else "-"
         if "average/aligned/student" in by_number.index:
-            row["P(better than baseline)"] = written(by_number.loc["average/aligned/student"], "improvement")
+            errors = by_number.loc["average/aligned/student"]
+            row["P(better than baseline)"] = written(errors, "improvement")
+            row["p, paired"] = significant(float(errors.get("paired_p", math.nan)))
         row |= {"seeds": int(cell["seeds"].max()), "note": cell["note"].iloc[0]}
         rows.append(row)
     return markdown(pd.DataFrame(rows))
 
 
 def written(row: Any, of: str = "mean") -> str:
-    """`88.1 [86.8, 89.2]`; no brackets without an interval, a dash without a number."""
-    low, high = ("low", "high") if of == "mean" else (f"{of}_low", f"{of}_high")
+    """`88.1 [86.8, 89.2]`, or a range in parentheses; a dash without a number."""
     if of not in row or not math.isfinite(row[of]):
-        return "-"
-    interval = f" [{significant(row[low])}, {significant(row[high])}]" if math.isfinite(row[low]) else ""
-    return significant(row[of]) + interval
+        return UNKNOWN
+    if of != "mean":
+        return with_interval(row[of], Interval(row[f"{of}_low"], row[f"{of}_high"]))
+    ends = Interval(row["low"], row["high"])
+    return with_range(row["mean"], ends, row["smallest"], row["largest"], row["seeds"] - row["without"])
+
+
+def seeds_line(found: list[JobResult]) -> list[str]:
+    """Which seeds are held out, which chose the settings, and what brackets mean; nothing where there is no student."""
+    seeds = [each.seed for each in found if each.seed is not None]
+    return (
+        [f"Student{'s' if len(seeds) > 1 else ''} of {told(seeds)}; {BRACKETS}; p: exact, one-sided.", ""]
+        if seeds
+        else []
+    )
 
 
 def failures(found: list[JobResult]) -> list[str]:

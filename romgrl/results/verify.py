@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import shlex
 from collections import Counter
 from collections.abc import Sequence
@@ -13,24 +12,12 @@ from romgrl.errors import ArtifactError
 from romgrl.gait.features import ALIGNMENTS, CHANNELS
 from romgrl.provenance.shipped import is_pretrained
 from romgrl.report.numbers import significant
-from romgrl.results.claims import (
-    ENOUGH_SEEDS,
-    TOO_FEW,
-    Finding,
-    claims_for,
-    column,
-    finding_of,
-    known,
-    read_claims,
-)
+from romgrl.results.claim_sheets import claim_sheets
+from romgrl.results.claims import TOO_FEW, claims_for, column, compare, finding_of, read_claims
 from romgrl.results.evaluation_index import FinishedEvaluation, Selection, codes, select
-from romgrl.results.statistics import (
-    Interval,
-    improvement_interval,
-    probability_of_improvement,
-    summarize,
-)
-from romgrl.results.text_table import Sheet
+from romgrl.results.seed_groups import CHOSEN_SEEDS, HELD_OUT, group_of, headline, told
+from romgrl.results.statistics import FEWEST_SEEDS, summarize
+from romgrl.results.text_table import BRACKETS, Sheet, mean_text, middle_text, with_interval
 
 WILD = 0.5  # coefficient of variation of the baseline's error over seeds from which a reduction says little
 LISTED = 10  # reasons why evaluations are left out
@@ -44,22 +31,29 @@ def verify(config: Config, command: Sequence[str]) -> list[str | Sheet]:
     outputs = Path(config.paths.outputs)
     selection = select(outputs, config)
     one_seed = is_pretrained("student", config)  # what ships
-    seeds = [] if one_seed else ["-m", f"seed={','.join(map(str, range(ENOUGH_SEEDS)))}"]
-    rest = (text for text in command if text.partition("=")[0] not in ("stage", "seed"))
-    making = shlex.join(["python", "-m", "romgrl", *seeds, *rest])
+    rest = [text for text in command if text.partition("=")[0] not in ("stage", "seed")]
+    making = shlex.join(["python", "-m", "romgrl", *([] if one_seed else seeds_wanted(selection.seeds)), *rest])
     if not selection.used:
         why = f" ({len(selection.left_out)} with other settings or damaged)" if selection.left_out else ""
         raise ArtifactError(f"{outputs}: no finished evaluation of this configuration{why}; {making} makes it")
-    findings = [finding_of(claim, selection.used) for claim in claims_for(selection.used[0].settings, read_claims())]
+    counted = headline(selection.used, lambda each: each.manifest.seed)
+    findings = [finding_of(claim, counted) for claim in claims_for(counted[0].settings, read_claims())]
     lines: list[str | Sheet] = [*origin_lines(config, selection)]
+    lines.append(f"the numbers below are of {told([each.manifest.seed for each in counted])}")
     if findings:
-        lines.append(claims_sheet(findings))
+        lines += claim_sheets(findings, counted)
     else:
         lines.append(f"no claim is made about {config.speed:g} m/s")
-    lines += [errors_sheet(selection.used), baseline_sheet(selection.used), *warnings(selection.used)]
+    lines += [errors_sheet(counted), baseline_sheet(counted), *warnings(counted)]
     if any(finding.verdict == TOO_FEW for finding in findings) and not one_seed:
         lines.append(f"more seeds: {making}")
     return lines
+
+
+def seeds_wanted(seeds: Sequence[int]) -> list[str]:
+    """Overrides that make enough seeds: held-out ones where there are any, else those that chose the settings."""
+    first = CHOSEN_SEEDS.stop if any(group_of(seed) == HELD_OUT for seed in seeds) else CHOSEN_SEEDS.start
+    return ["-m", f"seed={','.join(map(str, range(first, first + FEWEST_SEEDS)))}"]
 
 
 def origin_lines(config: Config, selection: Selection) -> list[str]:
@@ -81,41 +75,31 @@ def origin_lines(config: Config, selection: Selection) -> list[str]:
     return lines
 
 
-def claims_sheet(findings: Sequence[Finding]) -> Sheet:
-    """Claim by claim: what is expected, what was found, the verdict."""
-    rows = []
-    for finding in findings:
-        claim = finding.claim
-        found = ("P = " if claim.than is not None else "") + with_interval(finding.estimate, finding.interval)
-        without = sum(map(math.isnan, finding.values))
-        seeds = f"{len(finding.values)}" + (f" ({without} without)" if without else "")
-        judged = claim.judged_by.replace("_", " ")
-        rows.append((claim.id, claim.source, claim.expected, found, seeds, judged, finding.verdict))
-    columns = ("claim", "by", "expected", "found", "seeds", "judged by", "verdict")
-    names = ("claim", "by", "judged by", "verdict")
-    return Sheet("Claims; in brackets the 95 % interval over seeds", columns, rows, names)
-
-
 def errors_sheet(evaluations: Sequence[FinishedEvaluation]) -> Sheet:
-    """Errors aligned and raw, their reduction as mean and interquartile mean, and the probability of improvement."""
+    """Errors by alignment, their reduction as mean and interquartile mean, how surely they are below the baseline's."""
     rows = []
     for alignment in ALIGNMENTS:
         for channel in (*CHANNELS, "average"):
             prefix = f"{channel}/{alignment}"
             student, baseline = (column(evaluations, f"{prefix}/{name}") for name in ("student", "baseline"))
             reduction = summarize(column(evaluations, f"{prefix}/reduction_percent"))
-            ours, theirs = -known(student), -known(baseline)
+            floor = summarize(column(evaluations, f"{prefix}/teacher_floor"))
+            comparison = compare(student, baseline, larger=False)
             row = (
                 f"{channel}, {alignment}",
                 significant(summarize(baseline).mean),
                 significant(summarize(student).mean),
-                with_interval(reduction.mean, reduction.mean_interval),
-                with_interval(reduction.iqm, reduction.iqm_interval),
-                with_interval(probability_of_improvement(ours, theirs), improvement_interval(ours, theirs)),
+                significant(floor.mean),
+                mean_text(reduction),
+                middle_text(reduction),
+                with_interval(comparison.improvement, comparison.interval),
+                significant(comparison.paired),
+                significant(comparison.unpaired),
             )
             rows.append(row)
-    columns = ("channel", "baseline", "ROM-GRL", "reduction %", "IQM of it %", "P(improvement)")
-    return Sheet("Error against the reference, mean over seeds (m²)", columns, rows, ("channel",))
+    columns = ("channel", "baseline", "ROM-GRL", "teacher", "reduction %", "IQM of it %", "P(improvement)")
+    title = f"Error against the reference, mean over seeds (m²); {BRACKETS}; exact one-sided p, uncorrected"
+    return Sheet(title, (*columns, "p, paired", "p, unpaired"), rows, ("channel",))
 
 
 def baseline_sheet(evaluations: Sequence[FinishedEvaluation]) -> Sheet:
@@ -155,9 +139,3 @@ def warnings(evaluations: Sequence[FinishedEvaluation]) -> list[str]:
 def plural(number: int, noun: str) -> str:
     """`1 seed`, `2 seeds`."""
     return f"{number} {noun}{'' if number == 1 else 's'}"
-
-
-def with_interval(estimate: float, ends: Interval) -> str:
-    """`66.1 [60.2, 71.3]`; without brackets where there is no interval."""
-    text = significant(estimate)
-    return text if math.isnan(ends.low) else f"{text} [{significant(ends.low)}, {significant(ends.high)}]"

@@ -166,6 +166,8 @@ EDITED = {
     "report/page/scene.py": {"report"},
     "report/terminal_tables.py": set(),
     "results/statistics.py": set(),
+    "results/comparisons.py": set(),
+    "results/seed_groups.py": set(),
     "pipeline/run.py": set(),
     "pipeline/worker.py": set(STAGES),
     "sweeps/launch.py": set(),

@@ -11,17 +11,19 @@ import pandas as pd
 
 from romgrl.artifacts import Manifest, write_manifest
 from romgrl.config.schema import Config
-from romgrl.gait.features import CHANNELS
+from romgrl.gait.features import ALIGNMENTS, CHANNELS
 from romgrl.provenance.stage_graph import STAGES
 from romgrl.provenance.stage_keys import stage_key, stage_settings
 from romgrl.results.evaluation_index import LINEAGE
 
+FLOOR, VARIANCE = 0.002, 0.05  # m^2
 GAIT = {
     "episodes": 100,
     "falls": 0,
     "speed_error_percent": 1.0,
     "stride_frequency_hz": 1.5,
     "left_right_symmetry": 0.9,
+    "touchdown_phase_strides": 0.45,
     "phase_lag_strides": 0.05,
     "steady_speed_m_per_s": 4.0,
     "trunk_lean_deg": 5.0,
@@ -67,16 +69,24 @@ def finish(
 def write_numbers(
     directory: Path, student: float, baseline: float, gait: Mapping[str, float], *, comparable: bool
 ) -> None:
-    """mse.csv and gait.csv."""
+    """mse.csv, gait.csv and null_models.csv, where an error is so many times the reference's variance, VARIANCE."""
     errors = {"baseline": baseline, "student": student, "reduction_percent": 100 * (1 - student / baseline)}
+    errors["teacher_floor"] = FLOOR
     rows = [
         {"channel": channel, "alignment": alignment, **(errors if comparable else dict.fromkeys(errors, float("nan")))}
-        for alignment in ("aligned", "raw")
+        for alignment in ALIGNMENTS
         for channel in (*CHANNELS, "average")
     ]
     pd.DataFrame(rows).to_csv(directory / "mse.csv", index=False)
     walkers = {"teacher": GAIT, "student": GAIT | dict(gait), "baseline": GAIT}
     pd.DataFrame([{"walker": name, **row} for name, row in walkers.items()]).to_csv(directory / "gait.csv", index=False)
+    scores = [(walker, error / VARIANCE) for walker, error in errors.items() if walker in walkers]
+    nulls = [
+        {"walker": walker, "measure": "error_over_variance", "channel": channel, "value": value}
+        for walker, value in [*scores, ("teacher", FLOOR / VARIANCE)]
+        for channel in (*CHANNELS, "average")
+    ]
+    pd.DataFrame(nulls).to_csv(directory / "null_models.csv", index=False)
 
 
 def changed(config: Config, *overrides: str) -> Config:

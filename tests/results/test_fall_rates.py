@@ -12,9 +12,9 @@ from romgrl.artifacts import write_manifest
 from romgrl.results.__main__ import main
 from romgrl.results.sweep_record import SWEEP_VARIABLE, JobEnd, note_end, write_sweep
 
-RATES = {0: [0.0, 0.1, 0.9], 1: [0.0, 0.3, 1.0]}  # of the students of two seeds at three levels
+RATES = {0: [0.0, 0.1, 0.9], 1: [0.0, 0.3, 1.0], 5: [0.0, 0.5, 1.0]}  # of the students of seeds at three levels
 SHARES = {"mass": [0.8, 1.2], "friction": [0.8, 1.2]}
-MULTIPLIERS = {0: 0.4, 1: 1.1}
+MULTIPLIERS = {0: 0.4, 1: 1.1, 5: 0.5}
 
 
 def disturbed(directory: Path, seed: int) -> None:
@@ -49,11 +49,11 @@ def disturbed(directory: Path, seed: int) -> None:
 def outputs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A sweep over two seeds whose jobs end with their robustness."""
     monkeypatch.setenv(SWEEP_VARIABLE, "")
-    jobs = [[f"seed={seed}"] for seed in RATES]
+    jobs = [[f"seed={seed}"] for seed in (0, 1)]
     write_sweep(
         tmp_path / "sweeps" / "a", "robustness", "python -m romgrl", jobs, machine={"cores": 2}, started=1.0, usual={}
     )
-    for seed, job in zip(RATES, jobs, strict=True):
+    for seed, job in enumerate(jobs):
         disturbed(tmp_path / "artifacts" / "robustness" / str(seed), seed)
         note_end(JobEnd(job, {"robustness": f"/elsewhere/robustness/{seed}"}))
     return tmp_path
@@ -66,6 +66,7 @@ def test_results_have_fall_rates_over_seeds(outputs: Path) -> None:
     row = table.loc[("push_forward", 0.3, "student")]
     assert (row.trials, row.fall_rate, row.low, row.high) == (200, pytest.approx(0.2), 0.1, 0.3)
     text = (docs / "results.md").read_text(encoding="utf-8")
+    assert "Seeds 0, 1 (chose the settings):\n" in text
     assert "| push forward | 0.3 | N s/kg | 20 % | 100 % |" in text  # at 0.6 most students fall
     assert "| mass | 0.8 | share | 0 % | 100 % |" in text
     assert "| mass | 1.2 | share | 0 % | 100 % |" in text
@@ -75,6 +76,21 @@ def test_results_have_fall_rates_over_seeds(outputs: Path) -> None:
         assert picture.width > 1000
     jobs = pd.read_csv(docs / "results" / "robustness_jobs.csv").set_index("seed")
     assert jobs.loc[1, "push_forward/0.3/student/fall_rate"] == 0.3
+
+
+def test_held_out_seeds_are_drawn_alone(outputs: Path) -> None:
+    disturbed(outputs / "artifacts" / "robustness" / "5", 5)
+    sweep = outputs / "sweeps" / "a"
+    write_sweep(sweep, "robustness", "python -m romgrl", [["seed=0"], ["seed=5"]], machine={}, started=1.0, usual={})
+    note_end(JobEnd(["seed=5"], {"robustness": "/elsewhere/robustness/5"}))
+    assert main([str(outputs), str(outputs / "docs")]) == 0
+    table = pd.read_csv(outputs / "docs" / "results" / "robustness_fall_rates.csv")
+    assert set(table.trials) == {100}  # of one seed
+    text = (outputs / "docs" / "results.md").read_text(encoding="utf-8")
+    held_out, chosen = text.index("Seed 5 (held out):"), text.index("Seed 0 (chose the settings):")
+    assert "| push forward | 0.3 | N s/kg | 50 % | 100 % |" not in text[held_out:chosen]
+    assert "| push forward | 0 | N s/kg | 0 % | 100 % |" in text[held_out:chosen]  # at 0.3 half of them fall
+    assert "| push forward | 0.3 | N s/kg | 10 % | 100 % |" in text[chosen:]
 
 
 def test_artifacts_that_are_gone_are_left_out(outputs: Path) -> None:

@@ -48,7 +48,8 @@ def test_every_sweep_with_its_command_its_tables_and_its_proofs(default_config: 
     outputs, docs = tmp_path / "outputs", tmp_path / "docs"
     values = {"speed": ["4.0", "1.0"], "seed": ["0", "1", "2"]}
     stored(outputs, default_config, "a", "paper", values, fail="speed=1.0 seed=2")
-    stored(outputs, default_config, "aa", "paper", {"speed": ["4.0"], "seed": ["3"]})  # more seeds, another time
+    more = {"speed": ["4.0"], "seed": ["3", "4", "5", "6"]}  # more seeds, another time
+    stored(outputs, default_config, "aa", "paper", more)
     stored(outputs, changed(default_config, "student.total_steps=1000"), "aaa", "eta", {"eta": ["0.3", "0.7"]})
     for path in outputs.glob("sweeps/aaa/sweep.json"):
         path.write_text(
@@ -62,18 +63,24 @@ def test_every_sweep_with_its_command_its_tables_and_its_proofs(default_config: 
     assert text.count("    python -m romgrl --config-dir sweeps --config-name paper\n") == 1
     assert str(tmp_path) not in text
     assert "/home" not in text
-    assert "6 of 7 jobs finished" in text
+    assert "9 of 10 jobs finished" in text
     assert "- speed=1.0 seed=2: student: loss = nan at step 7" in text
-    assert "### Claims at 4 m/s, teacher of 4 m/s\n\nSeeds 0, 1, 2, 3.\n" in text
-    row = r"\| average reduction \| Table 1 \| ≥ 44.4 % \| 84.7 \[8\d(.\d)?, 8\d(.\d)?\] \| 4 \| interval \| reproduced"
-    assert re.search(row, text)
-    assert "### Claims at 1 m/s, teacher of 4 m/s\n\nSeeds 0, 1.\n" in text
+    assert "### Claims at 4 m/s, teacher of 4 m/s\n\nSeeds 5, 6 (held out).\n" in text
+    row = "| average reduction | Table 1 | ≥ 44.4 % | by the paper | 86.1 (86 to 86.2) | 2 | interval | too few seeds |"
+    assert row in text
+    assert "### Claims at 4 m/s, teacher of 4 m/s, seeds that chose the settings\n\nSeeds 0, 1, 2, 3, 4 (chose" in text
+    found = r"\| average reduction \| Table 1 \| ≥ 44.4 % \| by the paper \| 84.9 \[84.\d+, 85.\d+\] \| 5 \| interval"
+    assert re.search(rf"{found} \| reproduced", text)
+    assert "### Claims at 1 m/s, teacher of 4 m/s\n\nSeeds 0, 1 (chose the settings).\n" in text
     assert text.count("one seed, short budget") == 2  # the cells of eta
     assert "![eta, by_x](results/eta_by_x.png)" in text
-    claims = pd.read_csv(docs / "results" / "paper_claims_4_teacher_4.csv")
+    claims = pd.read_csv(docs / "results" / "paper_claims_4_teacher_4_chosen.csv")
     assert set(claims["verdict"]) >= {"reproduced", "not reproduced", "reached", "evaluated too briefly"}
+    assert set(pd.read_csv(docs / "results" / "paper_claims_4_teacher_4.csv")["verdict"]) == {"too few seeds"}
+    comparisons = pd.read_csv(docs / "results" / "paper_comparisons_4_teacher_4_chosen.csv")
+    assert comparisons["p, paired"].tolist() == [1.0, 1.0, 1.0]  # all walk alike
     jobs = pd.read_csv(docs / "results" / "paper_jobs.csv")
-    assert jobs["seed"].tolist() == [0, 1, 2, 0, 1, 2, 3]
+    assert jobs["seed"].tolist() == [0, 1, 2, 0, 1, 2, 3, 4, 5, 6]
     for digest in jobs["digest"].dropna():
         assert f"| {digest[:16]} |" in text
 
@@ -81,10 +88,15 @@ def test_every_sweep_with_its_command_its_tables_and_its_proofs(default_config: 
     assert table.startswith("before\n")
     assert table.endswith("after\n")
     assert "old" not in table
-    assert "| mean (smallest to largest) | 4 m/s, 4 seeds | 1 m/s, 2 seeds, teacher of 4 m/s |" in table
-    assert "| aligned error, average: reduction [%] | 84.7 (84.0 to 85.4) |" in table
-    assert "| student: MMD² | - | - |" in table  # these evaluations have no such numbers
-    assert "| statue: error over variance | - | - |" in table
+    titles = ["4 m/s, 2 seeds (held out)", "4 m/s, 5 seeds (chose the settings)"]
+    titles += ["1 m/s, 2 seeds (chose the settings), teacher of 4 m/s"]
+    assert f"| mean (smallest to largest) | {' | '.join(titles)} |" in table
+    assert (
+        "| aligned error, average: reduction [%] | 86.1 (86.0 to 86.2) | 84.9 (84.0 to 85.7) | 84.3 (84.0 to 84.5) |"
+        in table
+    )
+    assert "| student: MMD² | - | - | - |" in table  # these evaluations have no such numbers
+    assert "| statue: error over variance | - | - | - |" in table
 
 
 def test_the_readmes_table_has_distances_floors_and_null_models(default_config: Config, tmp_path: Path) -> None:

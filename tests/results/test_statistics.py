@@ -58,6 +58,14 @@ def test_one_seed_has_no_interval() -> None:
     assert math.isnan(interval([np.array([1.0, 2.0]), np.array([1.0])]).low)
 
 
+def test_fewer_than_five_seeds_have_no_interval() -> None:
+    assert not summarize([1.0, 2.0, 3.0, 4.0]).mean_interval.known
+    assert not summarize([1.0, 2.0, 3.0, 4.0, math.nan]).iqm_interval.known
+    found = summarize([1.0, 2.0, 3.0, 4.0, 5.0])
+    assert found.mean_interval == interval([found.values])
+    assert found.mean_interval.known
+
+
 def test_a_number_that_a_seed_does_not_have_is_counted_and_left_out() -> None:
     summary = summarize([1.0, math.nan, 3.0])
     assert (summary.seeds, summary.missing, summary.mean) == (3, 1, 2.0)
@@ -80,12 +88,13 @@ def test_the_probability_of_improvement_is_mann_whitney_u_over_all_pairs(seed: i
     assert probability_of_improvement(theirs, ours) == pytest.approx(1 - found)
 
 
-def test_a_certain_improvement_has_a_certain_interval() -> None:
-    better, worse = np.array([5.0, 6.0, 7.0]), np.array([1.0, 2.0, 3.0])
-    assert improvement_interval(better, worse) == statistics.Interval(1.0, 1.0)
-    mixed = improvement_interval(np.array([1.0, 4.0, 6.0]), np.array([2.0, 3.0, 5.0]))
+def test_an_improvement_has_an_interval_where_seeds_disagree() -> None:
+    better, worse = np.arange(10.0, 15.0), np.arange(5.0)
+    assert not improvement_interval(better, worse).known  # each resample says 1: no interval
+    mixed = improvement_interval(np.array([1.0, 4.0, 6.0, 7.0, 10.0]), np.array([2.0, 3.0, 5.0, 8.0, 9.0]))
     assert mixed.low < 0.5 < mixed.high
-    assert math.isnan(improvement_interval(better, worse[:1]).low)
+    assert not improvement_interval(np.array([1.0, 4.0, 6.0, 7.0]), np.array([2.0, 3.0, 5.0, 8.0])).known
+    assert not improvement_interval(better, worse[:1]).known
     assert math.isnan(probability_of_improvement(better, np.array([])))
 
 

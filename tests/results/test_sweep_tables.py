@@ -12,8 +12,8 @@ import pytest
 from matplotlib.figure import Figure
 
 from romgrl.config.schema import Config
-from romgrl.results import statistics, sweep_tables
-from romgrl.results.sweep_cells import cells_table, jobs_table, results
+from romgrl.results import statistics, sweep_cells, sweep_tables
+from romgrl.results.sweep_cells import cells_table, headline_jobs, jobs_table, results
 from romgrl.results.sweep_figures import figures
 from romgrl.results.sweep_record import (
     SWEEP_VARIABLE,
@@ -68,14 +68,21 @@ def test_a_row_per_cell_with_its_statistics(default_config: Config, tmp_path: Pa
     error = cells.loc[(0.3, "average/aligned/student")]
     assert (error["seeds"], error["without"]) == (3, 0)
     assert error["mean"] == pytest.approx(0.017)
-    assert (error["low"], error["high"]) == pytest.approx((0.016, 0.018))  # all resamples alike: 1 in 27 each
+    assert (error["smallest"], error["largest"]) == pytest.approx((0.016, 0.018))
+    assert math.isnan(error["low"])  # three seeds have no interval
     assert error["improvement"] == 1.0  # every student below every baseline
-    assert math.isnan(error["note"]) if isinstance(error["note"], float) else error["note"] == ""
+    assert math.isnan(error["improvement_low"])
+    assert (error["paired_p"], error["unpaired_p"]) == pytest.approx((1 / 8, 1 / 20))
+    assert (error["note"], error["group"]) == ("too few seeds", "chose the settings")
+    assert cells.loc[(0.3, "error_over_variance/pelvis_y/student"), "mean"] == pytest.approx(0.017 / 0.05)
+    assert cells.loc[(0.3, "student/touchdown_asymmetry_strides"), "mean"] == pytest.approx(0.05)
     assert cells.loc[(0.7, "average/aligned/student"), "seeds"] == 2
     text = (directory / "table.md").read_text(encoding="utf-8")
     assert "- eta=0.7 seed=1: student: loss = nan at step 7" in text
     row = next(line for line in text.splitlines() if line.startswith("| 0.3 |"))
-    assert f"| {100 * (1 - (0.016 / 0.1 + 0.017 / 0.11 + 0.018 / 0.12) / 3):.3g} [" in row
+    assert "| 84.5 (84 to 85) |" in row  # 1 - 0.016 / 0.1, 0.017 / 0.11 and 0.018 / 0.12
+    assert row.endswith("| 1 | 0.125 | 3 | too few seeds |")
+    assert "Students of seeds 0, 1, 2 (chose the settings); [ ] the 95 % interval" in text
 
 
 def test_two_keys_have_a_map_and_one_seed_is_told(default_config: Config, tmp_path: Path) -> None:
@@ -87,6 +94,27 @@ def test_two_keys_have_a_map_and_one_seed_is_told(default_config: Config, tmp_pa
     assert cells["low"].isna().all()
     assert (directory / "table.md").read_text(encoding="utf-8").count("one seed, short budget") == 4
     assert pd.read_csv(directory / "jobs.csv")["budget"].tolist() == ["student.total_steps 1000 of 2000"] * 4
+
+
+def test_held_out_seeds_have_rows_and_figures_of_their_own(
+    default_config: Config, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seeds = [str(seed) for seed in range(11)]
+    sweep = swept(tmp_path, default_config, {"eta": ["0.3", "0.7"], "seed": seeds}, fail="eta=0.7 seed=10")
+    monkeypatch.setattr(sweep_cells, "NUMBERS", ["average/aligned/student", "average/aligned/reduction_percent"])
+    directory = write_joint(sweep, tmp_path)
+    cells = pd.read_csv(directory / "cells.csv").set_index(["eta", "number", "group"])
+    error = cells.loc[(0.3, "average/aligned/student")]
+    assert error["seeds"].to_dict() == {"held out": 6, "chose the settings": 5}
+    assert error["mean"].to_dict() == pytest.approx({"held out": 0.0235, "chose the settings": 0.018})
+    assert (error["low"] < error["mean"]).all()
+    text = (directory / "table.md").read_text(encoding="utf-8")
+    rows = [line for line in text.splitlines() if line.startswith(("| 0.3 | ", "| 0.7 | ")) and " [" in line]
+    assert [row.split(" | ")[1] for row in rows] == ["held out", "chose the settings"] * 2
+    assert rows[0].endswith("| 1 | 0.0156 | 6 |  |")  # 1 / 64
+    assert "Students of seeds 5, 6, 7, 8, 9, 10 (held out) and seeds 0, 1, 2, 3, 4 (chose the settings);" in text
+    drawn = headline_jobs(results(sweep, tmp_path))
+    assert [each.seed for each in drawn] == [5, 6, 7, 8, 9, 10, 5, 6, 7, 8, 9]
 
 
 def test_jobs_that_were_lost_and_artifacts_that_are_damaged(default_config: Config, tmp_path: Path) -> None:
@@ -142,7 +170,7 @@ def test_points_intervals_and_seeds_of_a_figure(default_config: Config, tmp_path
     assert bars.get_segments()[0][:, 1] == pytest.approx([0.016, 0.018])
     dots = next(line for line in axes.lines if line.get_marker() == "o")
     assert sorted(dots.get_ydata())[:3] == pytest.approx([0.016, 0.017, 0.018])
-    assert "mean of 3 seeds" in found["by_eta"].get_suptitle()
+    assert "mean of 3 seeds, smallest to largest, a dot per seed" in found["by_eta"].get_suptitle()
 
 
 def test_two_keys_have_lines_and_a_map_and_many_have_points(default_config: Config, tmp_path: Path) -> None:

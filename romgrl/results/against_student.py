@@ -1,0 +1,113 @@
+"""Each walker in the student's place (sweeps/fair.yaml) against the student, seed by seed and channel by channel."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from romgrl.gait.features import CHANNELS
+from romgrl.gait.null_models import AVERAGE, OVER_VARIANCE
+from romgrl.report.numbers import significant
+from romgrl.report.style import CHANNEL_LABELS
+from romgrl.report.tables import markdown
+from romgrl.results.claims import TOO_FEW
+from romgrl.results.comparisons import holm, paired_p
+from romgrl.results.seed_groups import headline, told
+from romgrl.results.statistics import FEWEST_SEEDS, summarize
+from romgrl.results.sweep_cells import SEED_KEY, JobResult
+from romgrl.results.sweep_record import Sweep
+from romgrl.results.text_table import mean_text
+
+FAIR, KEY = "fair", "comparison"  # the sweep, and what its jobs differ in
+STUDENT, WITHOUT_IMITATION = "student", "same_resets"
+NUMBERS_FILE = "against_student.csv"
+ROWS = {**CHANNEL_LABELS, AVERAGE: "mean"}
+
+
+def write_against_student(sweep: Sweep, found: Sequence[JobResult], directory: Path) -> list[str]:
+    """Write against_student.csv; returns a table for each walker, and what imitation alone is worth if it is known."""
+    text, tables = [], []
+    for other, walkers in by_walker(found).items() if sweep.name == FAIR else ():
+        heading = f", {other}" if other else ""
+        student = walkers.get(STUDENT, {})
+        for name, jobs in walkers.items():
+            seeds = [] if name == STUDENT else shared_seeds(student, jobs)
+            if seeds:
+                table = paired_table(student, jobs, name, seeds)
+                tables.append(table.assign(comparison=name, seeds=" ".join(map(str, seeds)), other=other))
+                said = f"Error over variance, {told(seeds)}; p: that the student's is smaller"
+                text += [f"### student and {name}{heading}", "", f"{said}:", "", markdown(table)]
+        text += worth_of_imitation(walkers)
+    if tables:
+        pd.concat(tables).to_csv(directory / NUMBERS_FILE, index=False)
+    return text
+
+
+def by_walker(found: Sequence[JobResult]) -> dict[str, dict[str, dict[int, JobResult]]]:
+    """The finished jobs by what else they differ in, by what stands in the student's place, and by seed."""
+    groups: dict[str, dict[str, dict[int, JobResult]]] = {}
+    for each in found:
+        if each.seed is not None and KEY in each.swept:
+            name = each.swept[KEY]
+            other = ", ".join(f"{key}={value}" for key, value in each.swept.items() if key not in (KEY, SEED_KEY))
+            walkers = groups.setdefault(other, {})
+            walkers.setdefault(STUDENT if name == "default" else name, {})[each.seed] = each
+    return groups
+
+
+def shared_seeds(ours: Mapping[int, JobResult], theirs: Mapping[int, JobResult]) -> list[int]:
+    """The seeds that both have: the held-out ones, where there are any."""
+    return headline(sorted(ours.keys() & theirs.keys()), lambda seed: seed)
+
+
+def paired_table(
+    student: Mapping[int, JobResult], other: Mapping[int, JobResult], name: str, seeds: Sequence[int]
+) -> pd.DataFrame:
+    """One row per channel: the mean errors of both, their difference seed by seed, and exact p."""
+    rows, values = [], []
+    for channel in (*CHANNELS, AVERAGE):
+        ours, theirs = (errors(jobs, channel, seeds) for jobs in (student, other))
+        values.append(paired_p([-value for value in ours], [-value for value in theirs]))
+        difference = summarize(np.subtract(ours, theirs).tolist())
+        row = {"channel": ROWS[channel], "student": text_of(ours), name: text_of(theirs)}
+        rows.append(row | {"student minus it": mean_text(difference), "pairs": len(difference.values)})
+    for row, p, corrected in zip(rows, values, [*holm(values[:-1]), math.nan], strict=True):
+        row |= {"p, paired": significant(p), "p, Holm over channels": significant(corrected)}
+    return pd.DataFrame(rows)
+
+
+def errors(jobs: Mapping[int, JobResult], channel: str, seeds: Sequence[int]) -> list[float]:
+    """The error over variance of a channel, or of all, in each seed; nan where there is none."""
+    name = f"{OVER_VARIANCE}/{channel}/{STUDENT}"  # whatever stands in the student's place is called so
+    return [jobs[seed].numbers.get(name, math.nan) for seed in seeds]
+
+
+def text_of(values: Sequence[float]) -> str:
+    """The mean with its interval or range."""
+    return mean_text(summarize(values))
+
+
+def worth_of_imitation(walkers: Mapping[str, Mapping[int, JobResult]]) -> list[str]:
+    """A sentence: the student's error against that of a training without imitation; none where one is missing."""
+    if not {STUDENT, WITHOUT_IMITATION} <= walkers.keys():
+        return []
+    seeds = shared_seeds(walkers[STUDENT], walkers[WITHOUT_IMITATION])
+    ours, theirs = (errors(walkers[name], AVERAGE, seeds) for name in (STUDENT, WITHOUT_IMITATION))
+    difference = summarize(np.subtract(ours, theirs).tolist())
+    pairs = len(difference.values)
+    if not pairs:
+        return []
+    p = paired_p([-value for value in ours], [-value for value in theirs])
+    both = [(mine, other) for mine, other in zip(ours, theirs, strict=True) if math.isfinite(mine - other)]
+    mine, other = (significant(float(np.mean(values))) for values in zip(*both, strict=True))
+    ends = "95 % interval in brackets" if pairs >= FEWEST_SEEDS else f"range in parentheses, {TOO_FEW}"
+    return [
+        f"What the imitation alone is worth: the student's error over variance is {mine}, that of {WITHOUT_IMITATION}, "
+        f"which has its resets and no imitation, {other}; difference by seed {mean_text(difference)} ({ends}), exact "
+        f"one-sided p = {significant(p)}, {pairs} pair{'s' if pairs > 1 else ''} of {told(seeds)}.",
+        "",
+    ]

@@ -1,0 +1,100 @@
+"""sweeps/fair.yaml: what stands in the student's place against the student, seed by seed."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from romgrl.gait.features import CHANNELS
+from romgrl.results import statistics
+from romgrl.results.against_student import write_against_student
+from romgrl.results.evaluation_index import FinishedEvaluation
+from romgrl.results.sweep_cells import JobResult
+from romgrl.results.sweep_record import JobEnd, Sweep
+
+STUDENTS = [0.1, 0.2, 0.3, 0.2, 0.2]  # errors over variance of five seeds
+RESETS = [1.1, 1.4, 1.7, 1.8, 2.0]
+NEARER = [0.0, 0.3, 0.2, 0.3, 0.1]
+
+
+@pytest.fixture(autouse=True)
+def _few_resamples(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(statistics, "RESAMPLES", 999)
+
+
+class Seeded:
+    """An evaluation of which only the seed is asked."""
+
+    def __init__(self, seed: int) -> None:
+        self.manifest = self
+        self.seed = seed
+
+
+def job(walker: str, seed: int, error: float, **more: str) -> JobResult:
+    """A job whose walker has the same error in all channels, but ten times as much in the height of the pelvis."""
+    numbers = {f"error_over_variance/{channel}/student": error for channel in (*CHANNELS, "average")}
+    numbers["error_over_variance/pelvis_y/student"] = 10 * error
+    evaluation: FinishedEvaluation = Seeded(seed)  # type: ignore[assignment]  # what of it is read
+    return JobResult({"comparison": walker, "seed": str(seed), **more}, JobEnd([]), numbers, evaluation)
+
+
+def jobs(walker: str, errors: list[float], first: int = 0, **more: str) -> list[JobResult]:
+    """A job for each error, in seeds from the first one on."""
+    return [job(walker, first + i, error, **more) for i, error in enumerate(errors)]
+
+
+def said(found: list[JobResult], directory: Path, name: str = "fair") -> str:
+    """The text about the jobs of a sweep."""
+    sweep = Sweep(directory, name, "python", [], {}, 0.0, {})
+    return "\n".join(write_against_student(sweep, found, directory))
+
+
+def test_a_table_for_each_walker_and_what_imitation_is_worth(tmp_path: Path) -> None:
+    found = jobs("student", STUDENTS) + jobs("same_resets", RESETS) + jobs("no_trunk", NEARER)
+    text = said(found, tmp_path)
+    assert text.count("### student and ") == 2
+    assert "Error over variance, seeds 0, 1, 2, 3, 4 (chose the settings); p: that the student's is smaller:\n" in text
+    tables = pd.read_csv(tmp_path / "against_student.csv").set_index(["comparison", "channel"])
+    resets = tables.loc["same_resets"]
+    assert resets["p, paired"].tolist() == [0.0312] * 6  # 1 of 32 sign patterns
+    assert resets["p, Holm over channels"].tolist() == ["0.156"] * 5 + ["-"]  # 5 / 32
+    assert resets.loc["pelvis height", "same_resets"].startswith("16 [")
+    assert resets.loc["mean", "student minus it"].startswith("-1.4 [-1.")
+    # their minus our errors: -1 1 -1 1 -1 tenths, a sum that all but the 6 patterns with at most one plus reach
+    assert tables.loc[("no_trunk", "mean"), "p, paired"] == pytest.approx(26 / 32, abs=1e-3)
+    sentence = text.splitlines()[-2]
+    start = (
+        "What the imitation alone is worth: the student's error over variance is 0.2, that of same_resets, which has"
+    )
+    assert sentence.startswith(f"{start} its resets and no imitation, 1.6; difference by seed -1.4 [-1.")
+    assert "exact one-sided p = 0.0312, 5 pairs of seeds 0, 1, 2, 3, 4 (chose the settings)." in sentence
+
+
+def test_held_out_seeds_alone_and_no_verdict_of_few(tmp_path: Path) -> None:
+    found = jobs("student", [9.0, 9.0, 0.1, 0.2], first=3) + jobs("same_resets", [1.0, 1.0, 1.1, 1.4], first=3)
+    text = said(found, tmp_path)
+    assert "student's error over variance is 0.15, " in text
+    assert "difference by seed -1.1 (-1.2 to -1) (range in parentheses, too few seeds)" in text
+    assert "p = 0.25, 2 pairs of seeds 5, 6 (held out)" in text
+
+
+def test_no_sentence_where_one_is_missing(tmp_path: Path) -> None:
+    text = said(jobs("student", STUDENTS) + jobs("no_trunk", NEARER), tmp_path)
+    assert "student and no_trunk" in text
+    assert "worth" not in text
+    assert said(jobs("same_resets", RESETS) + jobs("no_trunk", NEARER), tmp_path) == ""
+    assert said(jobs("student", STUDENTS), tmp_path) == ""
+    assert said(jobs("student", STUDENTS) + jobs("same_resets", RESETS), tmp_path, name="eta") == ""
+    assert "worth" not in said(jobs("student", STUDENTS) + jobs("same_resets", [math.nan] * 5), tmp_path)
+
+
+def test_other_swept_keys_stand_apart(tmp_path: Path) -> None:
+    walk = [*jobs("default", STUDENTS, speed="1"), *jobs("same_resets", STUDENTS, speed="1")]
+    run = [*jobs("default", STUDENTS, speed="4"), *jobs("same_resets", RESETS, speed="4")]
+    text = said([*walk, *run], tmp_path)
+    assert "### student and same_resets, speed=1\n" in text
+    assert "### student and same_resets, speed=4\n" in text
+    assert text.count("What the imitation alone is worth") == 2
