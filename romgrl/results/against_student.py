@@ -11,12 +11,12 @@ import pandas as pd
 
 from romgrl.gait.features import CHANNELS
 from romgrl.gait.null_models import AVERAGE, OVER_VARIANCE
-from romgrl.report.numbers import significant
+from romgrl.report.numbers import UNKNOWN, significant
 from romgrl.report.style import CHANNEL_LABELS
 from romgrl.report.tables import markdown
 from romgrl.results.claims import TOO_FEW
 from romgrl.results.comparisons import holm, paired_p
-from romgrl.results.seed_groups import headline, told
+from romgrl.results.seed_groups import held_out_or_all, seeds_told
 from romgrl.results.statistics import FEWEST_SEEDS, summarize
 from romgrl.results.sweep_cells import SEED_KEY, JobResult
 from romgrl.results.sweep_record import Sweep
@@ -39,7 +39,7 @@ def write_against_student(sweep: Sweep, found: Sequence[JobResult], directory: P
             if seeds:
                 table = paired_table(student, jobs, name, seeds)
                 tables.append(table.assign(comparison=name, seeds=" ".join(map(str, seeds)), other=other))
-                said = f"Error over variance, {told(seeds)}; p: that the student's is smaller"
+                said = f"Error over variance, {seeds_told(seeds)}; p: that the student's is smaller"
                 text += [f"### student and {name}{heading}", "", f"{said}:", "", markdown(table)]
         text += worth_of_imitation(walkers)
     if tables:
@@ -61,7 +61,7 @@ def by_walker(found: Sequence[JobResult]) -> dict[str, dict[str, dict[int, JobRe
 
 def shared_seeds(ours: Mapping[int, JobResult], theirs: Mapping[int, JobResult]) -> list[int]:
     """The seeds that both have: the held-out ones, where there are any."""
-    return headline(sorted(ours.keys() & theirs.keys()), lambda seed: seed)
+    return held_out_or_all(sorted(ours.keys() & theirs.keys()), lambda seed: seed)
 
 
 def paired_table(
@@ -73,11 +73,12 @@ def paired_table(
         ours, theirs = (errors(jobs, channel, seeds) for jobs in (student, other))
         values.append(paired_p([-value for value in ours], [-value for value in theirs]))
         difference = summarize(np.subtract(ours, theirs).tolist())
-        row = {"channel": ROWS[channel], "student": text_of(ours), name: text_of(theirs)}
+        row: dict[str, object] = {"channel": ROWS[channel], "student": text_of(ours), name: text_of(theirs)}
         rows.append(row | {"student minus it": mean_text(difference), "pairs": len(difference.values)})
-    for row, p, corrected in zip(rows, values, [*holm(values[:-1]), math.nan], strict=True):
-        row |= {"p, paired": significant(p), "p, Holm over channels": significant(corrected)}
-    return pd.DataFrame(rows)
+    table = pd.DataFrame(rows)
+    table["p, paired"] = [*map(significant, values)]
+    table["p, Holm over channels"] = [*map(significant, holm(values[:-1])), UNKNOWN]
+    return table
 
 
 def errors(jobs: Mapping[int, JobResult], channel: str, seeds: Sequence[int]) -> list[float]:
@@ -108,6 +109,6 @@ def worth_of_imitation(walkers: Mapping[str, Mapping[int, JobResult]]) -> list[s
     return [
         f"What the imitation alone is worth: the student's error over variance is {mine}, that of {WITHOUT_IMITATION}, "
         f"which has its resets and no imitation, {other}; difference by seed {mean_text(difference)} ({ends}), exact "
-        f"one-sided p = {significant(p)}, {pairs} pair{'s' if pairs > 1 else ''} of {told(seeds)}.",
+        f"one-sided p = {significant(p)}, {pairs} pair{'s' if pairs > 1 else ''} of {seeds_told(seeds)}.",
         "",
     ]

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from romgrl.results.comparisons import SIGNIFICANT, paired_p, unpaired_p
+from romgrl.results.comparisons import SIGNIFICANT, finite, paired_p, unpaired_p
 from romgrl.results.evaluation_index import CADENCE_OFF, FinishedEvaluation
 from romgrl.results.statistics import (
     FEWEST_SEEDS,
@@ -131,7 +131,7 @@ def compare(ours: Sequence[float], theirs: Sequence[float], *, larger: bool) -> 
     """Tell how surely `ours` is better, larger or smaller; one number per seed of each, in the same order."""
     sign = 1.0 if larger else -1.0
     first, second = sign * np.asarray(ours, float), sign * np.asarray(theirs, float)
-    samples = known(first), known(second)
+    samples = finite(first), finite(second)
     return Comparison(
         paired_p(first, second),
         unpaired_p(first, second),
@@ -172,9 +172,3 @@ def decide(claim: Claim, estimate: float, ends: Interval, values: Sequence[float
 def column(evaluations: Sequence[FinishedEvaluation], measure: str) -> list[float]:
     """A number of each evaluation; nan where it has none."""
     return [each.numbers.get(measure, math.nan) for each in evaluations]
-
-
-def known(values: Sequence[float]) -> Any:
-    """The finite ones."""
-    array = np.asarray(values, float)
-    return array[np.isfinite(array)]

@@ -19,13 +19,15 @@ from scipy.stats import permutation_test
 
 from romgrl.results.statistics import SEED, Floats
 
+Numbers = Sequence[float] | Floats  # one per seed
+
 SIGNIFICANT = 0.05
 EXACT = 2**20  # rearrangements, all of which are counted up to here: 20 pairs, or 11 numbers against 11
 DRAWN = 9_999  # of more
 TIE = 1e-12  # of the size of the numbers: sums in another order are equal but for their last bits
 
 
-def paired_p(ours: Sequence[float], theirs: Sequence[float]) -> float:
+def paired_p(ours: Numbers, theirs: Numbers) -> float:
     """Sign-flip test of the mean difference of pairs, one per seed: is `ours` larger?
 
     Fisher 1935, The Design of Experiments, section 21. Pairs with a nan are left out; nan below two pairs.
@@ -41,7 +43,7 @@ def paired_p(ours: Sequence[float], theirs: Sequence[float]) -> float:
     return share_of_extremes(sums, differences.sum(), np.concatenate((finite(ours), finite(theirs))))
 
 
-def unpaired_p(ours: Sequence[float], theirs: Sequence[float]) -> float:
+def unpaired_p(ours: Numbers, theirs: Numbers) -> float:
     """Permutation test of the difference of means over all ways to split the numbers in two: is `ours` larger?
 
     Fisher 1935, section 21. nans are left out; nan where one has fewer than two numbers.
@@ -58,10 +60,10 @@ def unpaired_p(ours: Sequence[float], theirs: Sequence[float]) -> float:
     return share_of_extremes(sums[-1], (first - middle).sum(), np.concatenate((first, second)))
 
 
-def finite(values: Sequence[float] | Floats) -> Floats:
+def finite(values: Numbers) -> Floats:
     """The numbers among some that are known."""
     array = np.asarray(values, float)
-    return array[np.isfinite(array)]
+    return np.asarray(array[np.isfinite(array)])
 
 
 def share_of_extremes(sums: Floats, found: float, numbers: Floats) -> float:

@@ -12,7 +12,7 @@ from romgrl.artifacts import read_manifest
 from romgrl.report.numbers import fixed
 from romgrl.report.tables import markdown
 from romgrl.report.terminal_tables import GROWING
-from romgrl.results.seed_groups import by_group, told
+from romgrl.results.seed_groups import by_group, seeds_told
 from romgrl.results.sweep_cells import JobResult, located
 
 STAGE = "robustness"
@@ -42,7 +42,7 @@ def write_disturbances(jobs: Sequence[JobResult], outputs: Path, directory: Path
     save(fall_rates(tables[0], speed, bands=f"smallest to largest of {seeds}"), directory, CURVES)
     text = []
     for members, table in zip(groups.values(), tables, strict=True):
-        names = told([read_manifest(place).seed for place in members])
+        names = seeds_told([read_manifest(place).seed for place in members])
         text += [f"{names[0].upper()}{names[1:]}:", "", markdown(limits(table))]
     return [*text, orbits(jobs), ""]
 

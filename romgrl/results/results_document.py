@@ -18,7 +18,7 @@ from romgrl.report.tables import markdown
 from romgrl.results.claim_sheets import alignments_sheet, claims_sheet, comparisons_sheet
 from romgrl.results.claims import claims_for, finding_of, read_claims
 from romgrl.results.evaluation_index import FinishedEvaluation, codes
-from romgrl.results.seed_groups import by_group, told
+from romgrl.results.seed_groups import by_group, seeds_told
 from romgrl.results.sweep_cells import JobResult, by_cell, results, seed_of
 from romgrl.results.sweep_record import Sweep, settings, sweeps
 from romgrl.results.sweep_tables import failures, write_tables
@@ -184,7 +184,7 @@ def claims(jobs: Sequence[JobResult], directory: Path) -> list[str]:
 
 def notes_of(cell: Sequence[JobResult]) -> list[str]:
     """What must stand beside the numbers of a cell."""
-    seeds = told([each.seed for each in cell if each.seed is not None])
+    seeds = seeds_told([each.seed for each in cell if each.seed is not None])
     lines = [f"{seeds[0].upper()}{seeds[1:]}."]
     if any(each.short for each in cell):
         lines.append("Short budget: " + "; ".join(dict.fromkeys(text for each in cell for text in each.short)) + ".")

@@ -25,13 +25,13 @@ def by_group(items: Iterable[Item], seed_of: Callable[[Item], int | None]) -> di
     return {name: members for name, members in groups.items() if members}
 
 
-def headline(items: Iterable[Item], seed_of: Callable[[Item], int | None]) -> list[Item]:
+def held_out_or_all(items: Iterable[Item], seed_of: Callable[[Item], int | None]) -> list[Item]:
     """The held-out ones alone, where there are any; all of them otherwise."""
     groups = by_group(items, seed_of)
     return groups[HELD_OUT] if HELD_OUT in groups else [item for members in groups.values() for item in members]
 
 
-def told(seeds: Sequence[int]) -> str:
+def seeds_told(seeds: Sequence[int]) -> str:
     """`seeds 5, 6 (held out)`, `seed 0 (chose the settings)`, or both."""
     texts = []
     for name, members in by_group(sorted(set(seeds)), lambda seed: seed).items():

@@ -26,7 +26,7 @@ from romgrl.results.evaluation_index import (
     catalogue,
     read_evaluation,
 )
-from romgrl.results.seed_groups import by_group, headline
+from romgrl.results.seed_groups import by_group, held_out_or_all
 from romgrl.results.statistics import FEWEST_SEEDS, summarize
 from romgrl.results.sweep_record import JobEnd, Sweep, settings
 
@@ -155,7 +155,7 @@ def by_cell(found: Iterable[JobResult]) -> list[list[JobResult]]:
 
 def headline_jobs(found: Iterable[JobResult]) -> list[JobResult]:
     """Of each cell the jobs of held-out seeds, where there are any; all of them otherwise."""
-    return [each for several in by_cell(found) for each in headline(several, seed_of)]
+    return [each for several in by_cell(found) for each in held_out_or_all(several, seed_of)]
 
 
 def seed_of(job: JobResult) -> int | None:

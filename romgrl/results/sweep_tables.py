@@ -12,7 +12,7 @@ from romgrl.report.numbers import UNKNOWN, significant
 from romgrl.report.tables import markdown
 from romgrl.results.against_student import write_against_student
 from romgrl.results.fall_rates import write_disturbances
-from romgrl.results.seed_groups import told
+from romgrl.results.seed_groups import seeds_told
 from romgrl.results.statistics import Interval
 from romgrl.results.sweep_cells import (
     SEED_KEY,
@@ -102,7 +102,7 @@ def joint_table(cells: pd.DataFrame) -> str:
         for measure, label in columns.items():
             row[label] = written(by_number.loc[measure]) if measure in by_number.index else "-"
         if "average/aligned/student" in by_number.index:
-            errors = by_number.loc["average/aligned/student"]
+            errors: Any = by_number.loc["average/aligned/student"]
             row["P(better than baseline)"] = written(errors, "improvement")
             row["p, paired"] = significant(float(errors.get("paired_p", math.nan)))
         row |= {"seeds": int(cell["seeds"].max()), "note": cell["note"].iloc[0]}
@@ -124,7 +124,7 @@ def seeds_line(found: list[JobResult]) -> list[str]:
     """Which seeds are held out, which chose the settings, and what brackets mean; nothing where there is no student."""
     seeds = [each.seed for each in found if each.seed is not None]
     return (
-        [f"Student{'s' if len(seeds) > 1 else ''} of {told(seeds)}; {BRACKETS}; p: exact, one-sided.", ""]
+        [f"Student{'s' if len(seeds) > 1 else ''} of {seeds_told(seeds)}; {BRACKETS}; p: exact, one-sided.", ""]
         if seeds
         else []
     )

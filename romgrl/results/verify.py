@@ -15,7 +15,7 @@ from romgrl.report.numbers import significant
 from romgrl.results.claim_sheets import claim_sheets
 from romgrl.results.claims import TOO_FEW, claims_for, column, compare, finding_of, read_claims
 from romgrl.results.evaluation_index import FinishedEvaluation, Selection, codes, select
-from romgrl.results.seed_groups import CHOSEN_SEEDS, HELD_OUT, group_of, headline, told
+from romgrl.results.seed_groups import CHOSEN_SEEDS, HELD_OUT, group_of, held_out_or_all, seeds_told
 from romgrl.results.statistics import FEWEST_SEEDS, summarize
 from romgrl.results.text_table import BRACKETS, Sheet, mean_text, middle_text, with_interval
 
@@ -36,10 +36,10 @@ def verify(config: Config, command: Sequence[str]) -> list[str | Sheet]:
     if not selection.used:
         why = f" ({len(selection.left_out)} with other settings or damaged)" if selection.left_out else ""
         raise ArtifactError(f"{outputs}: no finished evaluation of this configuration{why}; {making} makes it")
-    counted = headline(selection.used, lambda each: each.manifest.seed)
+    counted = held_out_or_all(selection.used, lambda each: each.manifest.seed)
     findings = [finding_of(claim, counted) for claim in claims_for(counted[0].settings, read_claims())]
     lines: list[str | Sheet] = [*origin_lines(config, selection)]
-    lines.append(f"the numbers below are of {told([each.manifest.seed for each in counted])}")
+    lines.append(f"the numbers below are of {seeds_told([each.manifest.seed for each in counted])}")
     if findings:
         lines += claim_sheets(findings, counted)
     else:

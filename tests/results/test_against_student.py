@@ -65,7 +65,7 @@ def test_a_table_for_each_walker_and_what_imitation_is_worth(tmp_path: Path) -> 
     assert resets.loc["mean", "student minus it"].startswith("-1.4 [-1.")
     # their minus our errors: -1 1 -1 1 -1 tenths, a sum that all but the 6 patterns with at most one plus reach
     assert tables.loc[("no_trunk", "mean"), "p, paired"] == pytest.approx(26 / 32, abs=1e-3)
-    sentence = text.splitlines()[-2]
+    sentence = text.splitlines()[-1]
     start = (
         "What the imitation alone is worth: the student's error over variance is 0.2, that of same_resets, which has"
     )
