@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 import torch
 
-from romgrl.algorithms.ppo import load_ppo_policy
+from romgrl.algorithms.ppo_policy import load_ppo_policy
 from romgrl.config.schema import Config
 from romgrl.gait.features import Gait
 from romgrl.gait.recording import record
@@ -60,6 +60,12 @@ class Agent:
 
     def mean_policy(self) -> None:
         return None
+
+    def policy_vector(self) -> torch.Tensor:
+        return self.policy.flat.clone()
+
+    def put_policy_vector(self, vector: torch.Tensor) -> None:
+        self.policy.flat.copy_(vector)
 
 
 def checks(config: Config, output: Path, errors: list[float], monkeypatch: pytest.MonkeyPatch) -> SpeedChecks:
