@@ -140,7 +140,8 @@ class PPO:
             stack=1, inputs=self.policy.sizes[0], outputs=len(self.log_std), linear=True, exact=True, **self.spec
         )
         network.flat.copy_(self.policy.flat)
-        return PPOPolicy(network, self.observations.mean_and_scale() if self.observations.enabled else None)
+        mean, scale = (moment.cpu() for moment in self.observations.mean_and_scale())
+        return PPOPolicy(network, (mean, scale) if self.observations.enabled else None)
 
     def policy_vector(self) -> Tensor:
         """A copy of all that makes the mean action: weights and, where observations are normalised, mean and scale."""
