@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from pathlib import Path
 
 import numpy as np
@@ -184,7 +185,7 @@ def test_a_kept_policy_comes_back_with_its_normaliser(normalised: bool) -> None:
 def test_a_restored_learner_goes_on_with_its_normalisers() -> None:
     first, second = make_ppo(**NORMALISED, value_clip=1.0), make_ppo(**NORMALISED, value_clip=1.0, seed=1)
     first.update(filled_rollout())
-    second.restore(first.state())
+    second.restore(copy.deepcopy(first.state()))
     losses = [ppo.update(filled_rollout(1)) for ppo in (first, second)]
     assert losses[0] == losses[1]
     assert torch.equal(first.weights, second.weights)
