@@ -2,32 +2,20 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
-from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
-from romgrl.algorithms.networks.stacked_mlp import ACTIVATIONS, StackedMLP
-from romgrl.algorithms.policy_file import (
-    COLUMN_NAMES,
-    NETWORK,
-    check_tensors,
-    layer_sizes,
-    read_policy,
-    require,
-    require_names,
-)
+from romgrl.algorithms.networks.running_normalizer import RunningNormalizer
+from romgrl.algorithms.networks.stacked_mlp import StackedMLP
+from romgrl.algorithms.ppo_policy import LIMIT, PPOPolicy
 from romgrl.algorithms.rollout_buffer import Rollout, compute_gae
 from romgrl.algorithms.second_thread import submit_or_run
 from romgrl.algorithms.tensor_state import optimizer_state, put, restore_optimizer
-from romgrl.artifacts import save_tensors
 from romgrl.gait.symmetry import Mirror
 
 LOG_TWO_PI = math.log(2.0 * math.pi)
@@ -46,13 +34,14 @@ def clipped_policy_loss(log_ratio: Tensor, advantages: Tensor, clip_ratio: float
 
 
 class Minibatch(NamedTuple):
-    """Samples of a rollout, N rows each."""
+    """Samples of a rollout, N rows each: observations, returns and values as the networks see and give them."""
 
     observations: Tensor
     actions: Tensor
     log_probabilities: Tensor
     advantages: Tensor
     returns: Tensor
+    values: Tensor  # before the update
 
 
 class PPO:
@@ -60,6 +49,11 @@ class PPO:
 
     `lane`: a second thread, in which the value network's gradient is computed; it changes no bit of the result.
     `mirror_observation`, `mirror_action`: with them half of each minibatch is mirrored.
+    `normalize_observation`: the networks see observations in deviations from their running mean, at most LIMIT of them;
+    `normalize_return`: the value network gives returns so. `value_clip`: how far a value may move in an update before
+    its loss ends, in the unit of that network. `bootstrap_truncated` false: time that is up counts as a fall does.
+    `segment_steps`: see `compute_gae`. `hidden_gain`, `policy_gain`: of the orthogonal weights that hidden layers and
+    the policy's last one begin with.
     """
 
     def __init__(
@@ -79,6 +73,14 @@ class PPO:
         entropy_coefficient: float,
         max_gradient_norm: float,
         initial_log_std: float,
+        adam_epsilon: float = 1e-5,
+        hidden_gain: float = math.sqrt(2.0),
+        policy_gain: float = 0.01,
+        value_clip: float | None = None,
+        normalize_observation: bool = False,
+        normalize_return: bool = False,
+        bootstrap_truncated: bool = True,
+        segment_steps: int | None = None,
         mirror_observation: Mirror | None = None,
         mirror_action: Mirror | None = None,
         lane: Executor | None = None,
@@ -93,19 +95,17 @@ class PPO:
             StackedMLP(stack=1, inputs=observation_size, outputs=size, linear=True, device=device, **self.spec)
             for size in (action_size, 1)
         )
-        self.policy.initialise_orthogonal(output_gain=0.01)
-        self.value.initialise_orthogonal(output_gain=1.0)
-        log_std = torch.full((action_size,), float(initial_log_std), device=device)
-        parts = (self.policy.flat, self.value.flat, log_std)
-        self.weights = torch.cat(parts)  # in one vector, for one step of the optimiser and one norm
-        self.weights.grad = self.gradient = torch.zeros_like(self.weights)
-        sizes = [len(part) for part in parts]
-        policy, value, spread = zip(torch.split(self.weights, sizes), torch.split(self.gradient, sizes), strict=True)
-        self.policy.place(*policy)
-        self.value.place(*value)
-        self.log_std, self.log_std_gradient = spread
+        self.policy.initialise_orthogonal(policy_gain, hidden_gain)
+        self.value.initialise_orthogonal(1.0, hidden_gain)
+        self._gather(torch.full((action_size,), float(initial_log_std), device=device))
         self.learning_rate, self.lane = learning_rate, lane
-        self.optimizer = torch.optim.Adam([self.weights], lr=learning_rate, eps=1e-5, fused=True)
+        self.optimizer = torch.optim.Adam([self.weights], lr=learning_rate, eps=adam_epsilon, fused=True)
+        self.observations = RunningNormalizer(
+            observation_size, enabled=normalize_observation, limit=LIMIT, device=device
+        )
+        self.returns = RunningNormalizer(1, enabled=normalize_return, limit=LIMIT, device=device)
+        self.value_clip = value_clip
+        self.bootstrap_truncated, self.segment_steps = bootstrap_truncated, segment_steps
         self.gamma, self.gae_lambda, self.clip_ratio = gamma, gae_lambda, clip_ratio
         self.epochs, self.minibatch_size = epochs, minibatch_size
         self.value_coefficient, self.entropy_coefficient = value_coefficient, entropy_coefficient
@@ -115,8 +115,20 @@ class PPO:
         if (mirror_observation is None) != (mirror_action is None):
             raise ValueError("mirror_observation and mirror_action must be given together")
 
+    def _gather(self, log_std: Tensor) -> None:
+        """Put all parameters into one vector, for one step of the optimiser and one norm."""
+        parts = (self.policy.flat, self.value.flat, log_std)
+        self.weights = torch.cat(parts)
+        self.weights.grad = self.gradient = torch.zeros_like(self.weights)
+        sizes = [len(part) for part in parts]
+        policy, value, spread = zip(torch.split(self.weights, sizes), torch.split(self.gradient, sizes), strict=True)
+        self.policy.place(*policy)
+        self.value.place(*value)
+        self.log_std, self.log_std_gradient = spread
+
     def act(self, observation: Tensor) -> tuple[Tensor, Tensor]:
         """Sampled actions (N, A), not clipped, and their log probabilities (N,) for (N, O) observations."""
+        observation = self._seen(observation)
         mean = self.policy.forward(observation, self.policy.kept_tape(len(observation), "act"))[0]
         noise = torch.randn(mean.shape, generator=self.generator, device=self.device)
         action = torch.addcmul(mean, noise, self.log_std.exp())
@@ -128,16 +140,31 @@ class PPO:
             stack=1, inputs=self.policy.sizes[0], outputs=len(self.log_std), linear=True, exact=True, **self.spec
         )
         network.flat.copy_(self.policy.flat)
-        return PPOPolicy(network)
+        mean, scale = (moment.cpu() for moment in self.observations.mean_and_scale())
+        return PPOPolicy(network, (mean, scale) if self.observations.enabled else None)
+
+    def policy_vector(self) -> Tensor:
+        """A copy of all that makes the mean action: weights and, where observations are normalised, mean and scale."""
+        moments = self.observations.mean_and_scale() if self.observations.enabled else ()
+        return torch.cat((self.policy.flat, *moments))
+
+    def put_policy_vector(self, vector: Tensor) -> None:
+        """Take over what `policy_vector` gave."""
+        weights, moments = vector.tensor_split([len(self.policy.flat)])
+        self.policy.flat.copy_(weights)
+        if self.observations.enabled:
+            self.observations.use(*moments.chunk(2))
 
     def update(self, rollout: Rollout, learning_rate_scale: float = 1.0) -> dict[str, float]:
         """`epochs` passes over one rollout in shuffled minibatches; means of the losses over all gradient steps."""
         for group in self.optimizer.param_groups:
             group["lr"] = self.learning_rate * learning_rate_scale
-        advantages, returns = self._advantages(rollout)
+        advantages, returns, values = self._advantages(rollout)
         unexplained = advantages.var() / (returns.var() + 1e-8)
         advantages = (advantages - advantages.mean()) / (advantages.std() + 1e-8)
-        samples = self._samples(rollout, advantages, returns)
+        self.observations.update(rollout.observations.flatten(0, 1))
+        self.returns.update(returns.flatten()[:, None])
+        samples = self._samples(rollout, advantages, self.returns.apply_(returns), values)
         history = [
             (minibatch.advantages, *self._update_minibatch(minibatch))
             for _ in range(self.epochs)
@@ -159,38 +186,60 @@ class PPO:
     def state(self) -> dict[str, Any]:
         """Everything that `restore` needs."""
         generator, optimizer = self.generator.get_state(), optimizer_state(self.optimizer)
-        return {"weights": self.weights, "generator": generator, "optimizer": optimizer}
+        normalizers = {"observations": self.observations.state(), "returns": self.returns.state()}
+        return {"weights": self.weights, "generator": generator, "optimizer": optimizer, **normalizers}
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Go on from a state."""
         put("weights", self.weights, state["weights"])
         self.generator.set_state(state["generator"])
         restore_optimizer(self.optimizer, state.get("optimizer", {}))
+        self.observations.restore(state["observations"])
+        self.returns.restore(state["returns"])
 
-    def _advantages(self, rollout: Rollout) -> tuple[Tensor, Tensor]:
-        """Advantages and returns, (T, N) each, of a rollout under the present value network."""
-        values = self._values(rollout.observations.flatten(0, 1)).view_as(rollout.rewards)
-        next_values = torch.cat([values[1:], self._values(rollout.next_observations[-1])[None]])
-        truncated = rollout.truncated
-        next_values[truncated] = self._values(rollout.next_observations[truncated])
-        return compute_gae(
-            rollout.rewards, values, next_values, rollout.terminated, truncated, self.gamma, self.gae_lambda
+    def _advantages(self, rollout: Rollout) -> tuple[Tensor, Tensor, Tensor]:
+        """Advantages and returns of a rollout, and its values as the network gives them, (T, N) each."""
+        given = self._values(rollout.observations.flatten(0, 1)).view_as(rollout.rewards)
+        last = self._values(rollout.next_observations[-1])[None]
+        values = self.returns.undo(given)
+        next_values = torch.cat([values[1:], self.returns.undo(last)])
+        terminated, truncated = rollout.terminated, rollout.truncated
+        if self.bootstrap_truncated:
+            next_values[truncated] = self.returns.undo(self._values(rollout.next_observations[truncated]))
+        else:
+            terminated = terminated | truncated
+        advantages, returns = compute_gae(
+            rollout.rewards,
+            values,
+            next_values,
+            terminated,
+            truncated,
+            self.gamma,
+            self.gae_lambda,
+            self.segment_steps,
         )
+        return advantages, returns, given
+
+    def _seen(self, observations: Tensor) -> Tensor:
+        """Observations (N, O) as the networks see them; the originals stay as they are."""
+        return self.observations.apply_(observations.clone()) if self.observations.enabled else observations
 
     def _values(self, observations: Tensor) -> Tensor:
-        """Values (N,) of observations (N, O)."""
-        return self.value.forward(observations, self.value.tape(len(observations)))[0, :, 0]
+        """What the value network gives (N,) for observations (N, O)."""
+        return self.value.forward(self._seen(observations), self.value.tape(len(observations)))[0, :, 0]
 
-    def _samples(self, rollout: Rollout, advantages: Tensor, returns: Tensor) -> Minibatch:
+    def _samples(self, rollout: Rollout, advantages: Tensor, returns: Tensor, values: Tensor) -> Minibatch:
         """All samples of a rollout and, after them, their mirror images if there is a mirror."""
-        stored = (rollout.observations, rollout.actions, rollout.log_probabilities, advantages, returns)
+        stored = (rollout.observations, rollout.actions, rollout.log_probabilities, advantages, returns, values)
         samples = Minibatch(*(tensor.flatten(0, 1) for tensor in stored))
+        seen = self._seen(samples.observations)
         if self.mirror_observation is None or self.mirror_action is None:
-            return samples
+            return samples._replace(observations=seen)
         images = samples._replace(
-            observations=self.mirror_observation.image(samples.observations),
+            observations=self._seen(self.mirror_observation.image(samples.observations)),
             actions=self.mirror_action.image(samples.actions),
         )
+        samples = samples._replace(observations=seen)
         return Minibatch(*(torch.cat(pair) for pair in zip(samples, images, strict=True)))
 
     def _minibatches(self, samples: Minibatch, size: int) -> Iterator[Minibatch]:
@@ -233,60 +282,18 @@ class PPO:
         return log_ratio
 
     def value_gradient(self, minibatch: Minibatch) -> Tensor:
-        """Gradient of value_coefficient * mean of (V - return)^2 / 2 by the value network; errors V - return (N,)."""
+        """Gradient of value_coefficient * mean of (V - return)^2 / 2 by the value network; errors V - return (N,).
+
+        With `value_clip` c and the value V' before the update the larger of that and ((V' + clip(V - V', -c, c)) -
+        return)^2 / 2 counts: beyond the clip the latter has no gradient.
+        """
         tape = self.value.kept_tape(len(minibatch.observations), "gradient")
-        error = self.value.forward(minibatch.observations, tape)[0, :, 0] - minibatch.returns
-        self.value.backward(error[None, :, None] * (self.value_coefficient / len(error)), tape)
+        value = self.value.forward(minibatch.observations, tape)[0, :, 0]
+        error = counted = value - minibatch.returns
+        if self.value_clip is not None:
+            moved = (value - minibatch.values).clamp_(-self.value_clip, self.value_clip)
+            clipped = minibatch.values + moved - minibatch.returns
+            outside = (value - minibatch.values).abs() > self.value_clip
+            counted = torch.where(outside & (clipped.abs() > error.abs()), 0.0, error)
+        self.value.backward(counted[None, :, None] * (self.value_coefficient / len(error)), tape)
         return error
-
-
-class PPOPolicy:
-    """Mean of the Gaussian policy, clipped: (N, O) float32 -> (N, A) float32 in [-1, 1]."""
-
-    def __init__(self, network: StackedMLP) -> None:
-        self.network = network
-
-    def __call__(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
-        mean = self.network.forward(torch.from_numpy(observation), self.network.tape(len(observation)))[0]
-        action: NDArray[np.float32] = mean.clamp_(-1.0, 1.0).numpy()
-        return action
-
-
-def tensors_in_file(network: StackedMLP) -> dict[str, Tensor]:
-    """Weights (O, I) and biases (O,) by the names that a file has for them, as views."""
-    named: dict[str, Tensor] = {}
-    for layer, (weight, bias) in enumerate(zip(network.weights, network.biases, strict=True)):
-        named |= {f"{2 * layer}.weight": weight[0].T, f"{2 * layer}.bias": bias[0, 0]}
-    return named
-
-
-def save_ppo_policy(path: Path, ppo: PPO, names: Sequence[str] | None = None) -> None:
-    """Write the policy network and its spread as safetensors, with what is needed to rebuild it in the metadata.
-
-    `names`: of the columns of its observations.
-    """
-    tensors = {name: tensor.cpu() for name, tensor in tensors_in_file(ppo.policy).items()}
-    sizes = {"input_size": ppo.policy.sizes[0], "output_size": len(ppo.log_std)}
-    spec = {"algorithm": "ppo", COLUMN_NAMES: names, **sizes, **ppo.spec}
-    save_tensors(path, tensors | {"log_std": ppo.log_std.cpu()}, {NETWORK: json.dumps(spec)})
-
-
-def load_ppo_policy(path: Path, fits: Mapping[str, object] | None = None, names: Sequence[str] = ()) -> PPOPolicy:
-    """Deterministic policy from a file of `save_ppo_policy`. Raises ArtifactError for any other.
-
-    `fits`: what the description of its network must say, such as input_size; `names`: what its columns must be called.
-    """
-    sizes, options = ("input_size", "output_size"), {"activation": ACTIVATIONS}
-    tensors, spec, _, columns = read_policy(path, algorithm="ppo", sizes=sizes, options=options)
-    for name, needed in (fits or {}).items():
-        require(path, name, spec[name], needed)
-    require_names(path, columns, names)
-    shapes: dict[str, tuple[int, ...]] = {"log_std": (spec["output_size"],)}
-    for layer, (inputs, outputs) in enumerate(layer_sizes(spec, *sizes)):
-        shapes |= {f"{2 * layer}.weight": (outputs, inputs), f"{2 * layer}.bias": (outputs,)}
-    check_tensors(path, tensors, {name: (torch.float32, shape) for name, shape in shapes.items()})
-    inputs, outputs = (spec.pop(name) for name in sizes)
-    network = StackedMLP(stack=1, inputs=inputs, outputs=outputs, linear=True, exact=True, **spec)
-    for name, tensor in tensors_in_file(network).items():
-        tensor.copy_(tensors[name])
-    return PPOPolicy(network)

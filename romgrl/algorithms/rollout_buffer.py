@@ -16,14 +16,18 @@ def compute_gae(
     truncated: Tensor,
     gamma: float,
     gae_lambda: float,
+    segment_steps: int | None = None,
 ) -> tuple[Tensor, Tensor]:
     """Advantages and returns, (T, N) each, from (T, N) inputs (Schulman et al. 2016, eq. 16).
 
     `next_values` are the values of the observations that each step led to, before any reset. A terminated step has no
-    future; a truncated one keeps its bootstrap value, and no advantage flows back across either.
+    future; a truncated one keeps its bootstrap value, and no advantage flows back across either, nor across the end of
+    a segment of `segment_steps` steps: its value takes the place of what comes after.
     """
     deltas = rewards + gamma * next_values * ~terminated - values
     decay = gamma * gae_lambda * ~(terminated | truncated)
+    if segment_steps is not None:
+        decay[segment_steps - 1 :: segment_steps] = 0.0
     advantages = torch.empty_like(deltas)
     advantage = torch.zeros_like(deltas[0])
     for step in reversed(range(len(deltas))):

@@ -37,6 +37,26 @@ class Teacher:
     entropy_coefficient: float = key("weight of the entropy bonus", low=0, high=1e6)
     max_gradient_norm: float = key("gradients are clipped to this norm", above=0, high=1e9)
     initial_log_std: float = key("log standard deviation of the first policy", low=-20, high=5)
+    hidden_gain: float = key("gain of the orthogonal weights that hidden layers begin with", above=0, high=100)
+    policy_gain: float = key("the same of the policy's last layer; that of the values has 1", above=0, high=100)
+    adam_epsilon: float = key("what Adam adds to the root of its second moment", above=0, high=1)
+    value_clip: float | None = key(
+        "how far an update may move a value, in the unit of the value network, before its loss ends; null: any way",
+        above=0,
+        high=1e6,
+    )
+    normalize_observation: bool = key(
+        "true: observations are standardised by their running mean and deviation, and cut off at 5 of them"
+    )
+    normalize_return: bool = key("true: the value network gives returns standardised so")
+    bootstrap_truncated: bool = key(
+        "true: where time is up the value of the last observation stands for what would follow; false: nothing follows"
+    )
+    segment_steps: int | None = key(
+        "steps over which advantages are summed up before a value stands for the rest; null: the whole rollout",
+        low=1,
+        high=1_000_000,
+    )
     mirror: bool = key("true: half of each minibatch is left-right mirrored")
     check_steps: int = key(
         "environment steps between two checks of the speed that the policy comes to in the long run, over the second "

@@ -14,7 +14,8 @@ from gymnasium.spaces import flatdim
 from numpy.typing import NDArray
 
 from romgrl.algorithms.divergence import check_physics, require_finite
-from romgrl.algorithms.ppo import PPO, PPOPolicy, load_ppo_policy, save_ppo_policy
+from romgrl.algorithms.ppo import PPO
+from romgrl.algorithms.ppo_policy import PPOPolicy, load_ppo_policy, save_ppo_policy
 from romgrl.algorithms.rollout_buffer import Rollout
 from romgrl.algorithms.second_thread import second_lane
 from romgrl.artifacts.checkpoint import State

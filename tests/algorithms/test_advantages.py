@@ -66,7 +66,7 @@ def test_truncated_step_bootstraps_from_the_final_observation() -> None:
     rollout.terminated[5, 2] = True
     values = networks(ppo, ppo.weights, rollout.observations)[-1].numpy()
     final = networks(ppo, ppo.weights, rollout.next_observations)[-1].numpy()
-    _, returns = ppo._advantages(rollout)
+    _, returns, _ = ppo._advantages(rollout)
     rewards = rollout.rewards.numpy()
     assert returns[3, 1].item() == pytest.approx(rewards[3, 1] + 0.9 * final[3, 1], abs=1e-5)
     assert returns[5, 2].item() == pytest.approx(rewards[5, 2], abs=1e-5)

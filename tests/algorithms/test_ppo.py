@@ -10,11 +10,8 @@ import pytest
 import torch
 from torch import nn
 
-from romgrl.algorithms.ppo import (
-    Minibatch,
-    load_ppo_policy,
-    save_ppo_policy,
-)
+from romgrl.algorithms.ppo import Minibatch
+from romgrl.algorithms.ppo_policy import load_ppo_policy, save_ppo_policy
 from romgrl.algorithms.rollout_buffer import Rollout
 from romgrl.algorithms.second_thread import second_lane
 from romgrl.artifacts import load_tensors
@@ -73,7 +70,7 @@ def test_mirrored_samples_keep_the_rest_of_their_row() -> None:
     ppo = make_ppo(minibatch_size=8, mirror_observation=pair, mirror_action=pair.kept(np.arange(2)))
     rollout = filled_rollout()
     sign = torch.tensor([1.0, 1.0, -1.0])
-    samples = ppo._samples(rollout, rollout.rewards, rollout.log_probabilities)
+    samples = ppo._samples(rollout, rollout.rewards, rollout.log_probabilities, rollout.rewards)
     minibatches = list(ppo._minibatches(samples, 32))
     assert [len(minibatch.returns) for minibatch in minibatches] == [8] * 4
     drawn = torch.cat([minibatch.advantages for minibatch in minibatches])

@@ -62,7 +62,7 @@ def test_gradients_are_those_of_automatic_differentiation(activation: str, hidde
     mean, log_std, _ = networks(ppo, ppo.weights, rollout.observations)
     rollout.log_probabilities = normal(mean, log_std).log_prob(rollout.actions)
     rollout.log_probabilities += 0.5 * torch.randn(8, 4, generator=generator, dtype=torch.float64)
-    samples = ppo._samples(rollout, rollout.rewards, rollout.rewards.exp())
+    samples = ppo._samples(rollout, rollout.rewards, rollout.rewards.exp(), rollout.rewards)
     minibatch = next(ppo._minibatches(samples, 32))
 
     log_ratio = ppo.policy_gradient(minibatch)
@@ -87,7 +87,7 @@ def test_gradient_is_clipped_over_both_networks() -> None:
     """The norm that is reported is the one before clipping; what is left has the length of the limit."""
     ppo = make_ppo(max_gradient_norm=0.01)
     rollout = filled_rollout()
-    minibatch = next(ppo._minibatches(ppo._samples(rollout, rollout.rewards, rollout.rewards), 32))
+    minibatch = next(ppo._minibatches(ppo._samples(rollout, *[rollout.rewards] * 3), 32))
     ppo.policy_gradient(minibatch)
     ppo.value_gradient(minibatch)
     norm = ppo.gradient.norm()

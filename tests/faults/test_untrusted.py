@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 import torch
 
-from romgrl.algorithms import ppo, sac
+from romgrl.algorithms import ppo_policy, sac
 from romgrl.artifacts import load_arrays, open_artifact, save_tensors
 from romgrl.errors import ArtifactError
 from tests.helpers.artifacts import describe, fill
@@ -112,7 +112,7 @@ def test_code_in_an_artifact_is_refused_and_not_executed(mark: Path, tmp_path: P
             with pytest.raises(ArtifactError, match=r"reference\.npz: cannot be read"):
                 load_arrays(place / name)
         elif name.endswith("safetensors"):
-            for load in (ppo.load_ppo_policy, sac.load_sac_policy):
+            for load in (ppo_policy.load_ppo_policy, sac.load_sac_policy):
                 with pytest.raises(ArtifactError, match=r"policy\.safetensors: "):
                     load(place / name)
         assert not mark.exists(), case

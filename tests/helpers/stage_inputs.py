@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import torch
 
-from romgrl.algorithms import ppo
+from romgrl.algorithms import ppo, ppo_policy
 from romgrl.artifacts import load_tensors, save_arrays, save_tensors
 from romgrl.config.schema import Config
 from romgrl.gait.features import CHANNELS
@@ -70,7 +70,7 @@ def teacher(path: Path, *, observation: int = 20, hidden: int = 32, activation: 
         max_gradient_norm=1.0,
         initial_log_std=0.0,
     )
-    ppo.save_ppo_policy(path, learner)
+    ppo_policy.save_ppo_policy(path, learner)
 
 
 class Bench:

@@ -8,7 +8,7 @@ from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
-from romgrl.algorithms.ppo import save_ppo_policy
+from romgrl.algorithms.ppo_policy import save_ppo_policy
 from romgrl.artifacts import Manifest, write_manifest
 from romgrl.config.schema import Config
 from romgrl.humanoid.model import configured, fingerprint

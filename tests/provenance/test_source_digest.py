@@ -147,8 +147,10 @@ EDITED = {
     "gait/load_metrics.py": set(STAGES),  # among the rows of a gait, which every check reads
     "gait/floquet.py": {"robustness"},
     "gait/measures.py": {"report"},
-    "algorithms/ppo.py": ROM_RUNS,
-    "algorithms/rollout_buffer.py": ROM_RUNS,
+    "algorithms/ppo.py": {"teacher"},
+    "algorithms/ppo_policy.py": ROM_RUNS,
+    "algorithms/rollout_buffer.py": {"teacher"},
+    "algorithms/networks/running_normalizer.py": ROM_RUNS | TRAINED,
     "algorithms/sac.py": HUMANOID_RUNS,
     "algorithms/replay_buffer.py": HUMANOID_RUNS,
     "algorithms/networks/stacked_mlp.py": ROM_LEARNED | HUMANOID_RUNS,

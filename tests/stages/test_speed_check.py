@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 import torch
 
-from romgrl.algorithms.ppo import load_ppo_policy
+from romgrl.algorithms.ppo_policy import load_ppo_policy
 from romgrl.config.schema import Config
 from romgrl.gait.features import Gait
 from romgrl.gait.recording import record
@@ -61,6 +61,12 @@ class Agent:
     def mean_policy(self) -> None:
         return None
 
+    def policy_vector(self) -> torch.Tensor:
+        return self.policy.flat.clone()
+
+    def put_policy_vector(self, vector: torch.Tensor) -> None:
+        self.policy.flat.copy_(vector)
+
 
 def checks(config: Config, output: Path, errors: list[float], monkeypatch: pytest.MonkeyPatch) -> SpeedChecks:
     """Checks that find one of `errors` after the other."""
@@ -107,8 +113,9 @@ def test_a_resumed_training_goes_on_with_its_checks(
     assert fresh.best is None
 
 
+@pytest.mark.parametrize("normalised", [False, True])
 def test_the_kept_policy_is_the_one_that_was_measured(
-    compose_config: Composer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    compose_config: Composer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, normalised: bool
 ) -> None:
     """A short real training: what the file holds walks as the best row says."""
     for name, value in {"WORLDS": 2, "STEPS": 60, "STEADY": 5}.items():
@@ -119,6 +126,7 @@ def test_the_kept_policy_is_the_one_that_was_measured(
     config = compose_config(
         "threads=1", "teacher.total_steps=6144", "teacher.rollout_steps=16", "teacher.check_steps=1024"
     )
+    config.teacher.normalize_observation = normalised
     teacher.run(config, {}, tmp_path, SilentLog())
     rows = pd.read_csv(tmp_path / speed_check.FILE).to_dict("records")
     assert [found["step"] for found in rows] == [3072, 4096, 5120, 6144]

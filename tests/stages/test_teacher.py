@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from romgrl.algorithms.ppo import load_ppo_policy
+from romgrl.algorithms.ppo_policy import load_ppo_policy
 from romgrl.artifacts import load_arrays, load_tensors
 from romgrl.config.schema import Config
 from romgrl.errors import ArtifactError, DivergenceError

@@ -1,4 +1,4 @@
-"""Running mean and standard deviation of observations."""
+"""Running mean and standard deviation, of observations or returns."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from torch import Tensor
 class RunningNormalizer:
     """Standardises observations with the mean and variance of all that it has seen (Chan et al. 1979).
 
-    With `enabled` false it leaves observations as they are.
+    `limit`: beyond so many deviations they are cut off. With `enabled` false it leaves observations as they are.
     """
 
-    def __init__(self, size: int, *, enabled: bool = True, device: str = "cpu") -> None:
-        self.enabled = enabled
+    def __init__(self, size: int, *, enabled: bool = True, limit: float | None = None, device: str = "cpu") -> None:
+        self.enabled, self.limit = enabled, limit
         self.count = 0
         self.mean = torch.zeros(size, dtype=torch.float64, device=device)
         self.square = torch.zeros(size, dtype=torch.float64, device=device)
@@ -40,7 +40,17 @@ class RunningNormalizer:
 
     def apply_(self, observation: Tensor) -> Tensor:
         """Standardise in place (B, size)."""
-        return observation.sub_(self._shift).mul_(self._scale) if self.enabled else observation
+        if not self.enabled:
+            return observation
+        observation.sub_(self._shift).mul_(self._scale)
+        return observation if self.limit is None else observation.clamp_(-self.limit, self.limit)
+
+    def undo(self, standardised: Tensor) -> Tensor:
+        """What `apply_` would make these of (B, size), within the limit."""
+        if not self.enabled:
+            return standardised
+        bounded = standardised if self.limit is None else standardised.clamp(-self.limit, self.limit)
+        return bounded / self._scale + self._shift
 
     def state(self) -> dict[str, Tensor | int]:
         """Everything that `restore` needs."""
@@ -54,6 +64,11 @@ class RunningNormalizer:
 
     def _tensors(self) -> dict[str, Tensor]:
         return {"mean": self.mean, "square": self.square, "shift": self._shift, "scale": self._scale}
+
+    def use(self, mean: Tensor, scale: Tensor) -> None:
+        """Standardise with these from now on, until the next update."""
+        self._shift.copy_(mean)
+        self._scale.copy_(scale)
 
     def mean_and_scale(self) -> tuple[Tensor, Tensor]:
         """Shift and scale as they are now: (observation - mean) * scale."""

@@ -46,7 +46,7 @@ class SpeedChecks:
     log: StageLog
     rows: list[dict[str, float]] = field(default_factory=list)
     best: Tensor | None = None
-    """Weights of the best policy."""
+    """The best policy, as `PPO.policy_vector` gives it."""
     due: int = 0
 
     @classmethod
@@ -66,7 +66,7 @@ class SpeedChecks:
         row = {"step": float(step)} | measure(gait, self.config.teacher.speed)
         self.rows.append(row)
         if min(self.rows, key=rank) is row:
-            self.best = ppo.policy.flat.clone()
+            self.best = ppo.policy_vector()
         pd.DataFrame(self.rows).to_csv(self.output / FILE, index=False)
 
     def keep_best(self, ppo: PPO) -> None:
@@ -75,7 +75,7 @@ class SpeedChecks:
             self.env.close()
         if self.best is None:
             return
-        ppo.policy.flat.copy_(self.best)
+        ppo.put_policy_vector(self.best)
         row = min(self.rows, key=rank)
         self.log.message(
             f"kept the policy of step {row['step']:,.0f}: falls in {row['falls']:.0f} of {WORLDS} episodes, "

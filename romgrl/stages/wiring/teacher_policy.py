@@ -6,12 +6,12 @@ from pathlib import Path
 
 from gymnasium.spaces import flatdim
 
-from romgrl.algorithms import ppo
+from romgrl.algorithms.ppo_policy import PPOPolicy, load_ppo_policy
 from romgrl.config.schema import Config
 from romgrl.rom.interface import RomVectorEnv
 
 
-def read_teacher(directory: Path, config: Config, env: RomVectorEnv) -> ppo.PPOPolicy:
+def read_teacher(directory: Path, config: Config, env: RomVectorEnv) -> PPOPolicy:
     """The policy of the teacher for the reduced-order model that it is to walk."""
     fits: dict[str, object] = {
         "input_size": flatdim(env.single_observation_space),
@@ -19,4 +19,4 @@ def read_teacher(directory: Path, config: Config, env: RomVectorEnv) -> ppo.PPOP
         "hidden_sizes": list(config.teacher.hidden_sizes),
         "activation": config.teacher.activation,
     }
-    return ppo.load_ppo_policy(directory / "policy.safetensors", fits, env.observation_names)
+    return load_ppo_policy(directory / "policy.safetensors", fits, env.observation_names)
