@@ -77,13 +77,15 @@ ROMGRL_INLINE double update_touchdown(LegLanes& lanes, const Leg& leg, bool load
     return touchdown ? 1.0 : 0.0;
 }
 
-// See Walker::update_shortening.
-ROMGRL_INLINE void update_shortening(const NativeConstants& c, LegLanes& lanes, const Leg& leg, bool loaded,
+// See Walker::update_shortening, also for what is returned.
+ROMGRL_INLINE double update_shortening(const NativeConstants& c, LegLanes& lanes, const Leg& leg, bool loaded,
                                      bool other_loaded, int n) {
     const bool early = other_loaded & (leg.angle < 0.5 * larger(lanes.touchdown_angle[n], 0.0));
     const double old = lanes.shortening[n];
     const double missing = (early ? c.retraction : 0.0) - old;
-    lanes.shortening[n] = loaded ? old : old + clamped(missing, -c.retraction_change, c.retraction_change);
+    const double change = loaded ? 0.0 : clamped(missing, -c.retraction_change, c.retraction_change);
+    lanes.shortening[n] = old + change;
+    return -c.stiffness * change * (c.leg_length - old - leg.length - 0.5 * change);
 }
 
 // See Walker::stop_torque.
@@ -115,17 +117,21 @@ ROMGRL_INLINE bool move_foot(const NativeConstants& c, const Body& trunk, LegLan
     s.along_y[n] = leg.along_y;
     s.length[n] = leg.length;
     s.contact[n] = leg.contact ? 1.0 : 0.0;
+    s.inverse_lever[n] = leg.inverse_lever;
     return (smaller(before, after) < c.shortest) | (larger(before, after) > c.longest);
 }
 
-ROMGRL_INLINE void update_velocities(const NativeConstants& c, const Command& command, Group& g, Scratch& s, int n) {
+ROMGRL_INLINE void update_velocities(const NativeConstants& c, const Command& command, Group& g, Scratch& s,
+                                     WorkLanes& work, int n) {
     LegLanes &p = g.leg[0], &q = g.leg[1];
     const Leg a = look(c, g, p.foot, n), b = look(c, g, q.foot, n);
     const bool a_loaded = a.contact & (a.length < c.leg_length - p.shortening[n]);
     const bool b_loaded = b.contact & (b.length < c.leg_length - q.shortening[n]);
     const double a_down = update_touchdown(p, a, a_loaded, n), b_down = update_touchdown(q, b, b_loaded, n);
-    update_shortening(c, p, a, a_loaded, b_loaded, n);
-    update_shortening(c, q, b, b_loaded, a_loaded, n);
+    const double a_wound = update_shortening(c, p, a, a_loaded, b_loaded, n);
+    const double b_wound = update_shortening(c, q, b, b_loaded, a_loaded, n);
+    work.retraction[n] += std::fabs(a_wound) + std::fabs(b_wound);
+    work.positive_retraction[n] += larger(a_wound, 0.0) + larger(b_wound, 0.0);
     // 1: a touched down, -1: b did; both at once: the one in front.
     const double which = a_down - b_down + a_down * b_down * (a.angle > b.angle ? 1.0 : -1.0);
     const double side = which * (1.0 - 2.0 * g.left_slot[n]), at_x = g.origin[n] + g.trunk.x[n];
@@ -142,6 +148,8 @@ ROMGRL_INLINE void update_velocities(const NativeConstants& c, const Command& co
     const double a_torque = p.hip_torque[n] + stop_torque(c, a, g.angle[n], g.rate[n]);
     const double b_torque = q.hip_torque[n] + stop_torque(c, b, g.angle[n], g.rate[n]);
 
+    s.leg[0].hip_rate[n] = a.angle_rate - g.rate[n];
+    s.leg[1].hip_rate[n] = b.angle_rate - g.rate[n];
     const double a_rest = c.leg_length - p.shortening[n], b_rest = c.leg_length - q.shortening[n];
     const double a_axial = axial_force(c, a, a_rest, a.contact & (a.length < a_rest));
     const double b_axial = axial_force(c, b, b_rest, b.contact & (b.length < b_rest));
@@ -169,7 +177,17 @@ ROMGRL_INLINE bool move(const NativeConstants& c, const Body& trunk, Body& foot,
     return (s.contact[n] * below > 3.0 * kSlop) | (square < c.shortest * c.shortest) | (square > c.longest * c.longest);
 }
 
-ROMGRL_INLINE void update_positions(const NativeConstants& c, Group& g, Scratch& s, int n) {
+// See Walker::add_hip_work; J.
+ROMGRL_INLINE double hip_work(const NativeConstants& c, const Group& g, const LegLanes& lanes, const LegScratch& s, int n) {
+    const double vx = lanes.foot.vx[n] - g.trunk.vx[n], vy = lanes.foot.vy[n] - g.trunk.vy[n];
+    const double after = (s.along_x[n] * vy - s.along_y[n] * vx) * s.inverse_lever[n] - g.rate[n];
+    return 0.5 * c.dt * lanes.hip_torque[n] * (s.hip_rate[n] + after);
+}
+
+ROMGRL_INLINE void update_positions(const NativeConstants& c, Group& g, Scratch& s, WorkLanes& work, int n) {
+    const double a_done = hip_work(c, g, g.leg[0], s.leg[0], n), b_done = hip_work(c, g, g.leg[1], s.leg[1], n);
+    work.hip[n] += std::fabs(a_done) + std::fabs(b_done);
+    work.positive_hip[n] += larger(a_done, 0.0) + larger(b_done, 0.0);
     g.trunk.x[n] += c.dt * g.trunk.vx[n];
     g.trunk.y[n] += c.dt * g.trunk.vy[n];
     g.angle[n] += c.dt * g.rate[n];
@@ -196,18 +214,20 @@ ROMGRL_INLINE void recentre(Group& g) {
 
 }  // namespace
 
-ROMGRL_CLONES void native_step(const NativeConstants& constants, const Command& command, Group& group) {
+ROMGRL_CLONES void native_step(const NativeConstants& constants, const Command& command, Group& group,
+                               WorkLanes& work) {
     const NativeConstants c = constants;
     Scratch scratch;
+    WorkLanes done{};
     group.leg[0].ground_impulse = group.leg[1].ground_impulse = Lanes{};
     for (int substep = 0; substep < c.substeps; ++substep) {
-        for (int n = 0; n < kLanes; ++n) update_velocities(c, command, group, scratch, n);
+        for (int n = 0; n < kLanes; ++n) update_velocities(c, command, group, scratch, done, n);
         if (any(scratch.stopped)) {
             for (int n = 0; n < kLanes; ++n) {
                 if (scratch.stopped[n] > 0.0) solve_velocities(c, scratch, n, group);
             }
         }
-        for (int n = 0; n < kLanes; ++n) update_positions(c, group, scratch, n);
+        for (int n = 0; n < kLanes; ++n) update_positions(c, group, scratch, done, n);
         if (any(scratch.stopped)) {
             for (int n = 0; n < kLanes; ++n) {
                 if (scratch.stopped[n] > 0.0) solve_positions(c, scratch, n, group);
@@ -215,6 +235,7 @@ ROMGRL_CLONES void native_step(const NativeConstants& constants, const Command& 
         }
     }
     recentre(group);
+    work = done;
 }
 
 ROMGRL_CLONES void native_view(const NativeConstants& c, const Group& group, View& view) {
