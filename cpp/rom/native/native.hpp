@@ -46,7 +46,7 @@ struct LegScratch {
     Lanes free_vx, free_vy;  // of the foot after the forces, before contact
     Lanes free_y;  // of the foot before the correction of its position
     Lanes contact;  // 1: touched the ground at the start of the substep
-    Lanes inverse_lever, hip_rate;  // at the start of the substep, 1/m and rad/s
+    Lanes hip_work;  // without the stops: J per half a substep's time
 };
 
 struct Scratch {
@@ -68,7 +68,7 @@ struct NativeConstants {
     int substeps, velocity_iterations, position_iterations;
 };
 
-// See Work.
+// See Work. While a step lasts, the hips' is per half a substep's time, the retraction's per stiffness.
 struct WorkLanes {
     Lanes hip, positive_hip, retraction, positive_retraction;
 };
