@@ -8,7 +8,7 @@ of the humanoid or the trunk centre of the reduced-order model, the ankle the jo
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from itertools import pairwise
 from typing import Any
@@ -98,7 +98,7 @@ def gait_from_rollouts(arrays: Mapping[str, NDArray[np.generic]], name: str) -> 
         velocity=_float(optional("velocity")),
         contact=None if contact is None else np.asarray(contact, bool),
         trunk_lean=_float(optional("trunk_lean")),
-        **{power: _float(optional(power)) for power in POWERS},
+        **_powers(optional),
         loads=_loads(arrays, name),
     )
 
@@ -132,7 +132,7 @@ def gait_from_reference(arrays: Mapping[str, NDArray[np.generic]]) -> Gait:
         velocity=_float(padded("velocity")),
         contact=None if contact is None else np.asarray(contact, bool),
         trunk_lean=_float(padded("trunk_lean")),
-        **{power: _float(padded(power)) for power in POWERS},
+        **_powers(padded),
     )
 
 
@@ -148,6 +148,10 @@ def episode_bounds(episode: NDArray[np.generic]) -> list[tuple[int, int]]:
 def _loads(arrays: Mapping[str, NDArray[Any]], name: str) -> GaitLoads | None:
     found = {key: arrays[f"{name}_{key}"] for key in LOADS if f"{name}_{key}" in arrays}
     return GaitLoads(**found) if found.keys() == set(LOADS) else None
+
+
+def _powers(recorded: Callable[[str], NDArray[np.generic] | None]) -> dict[str, Any]:
+    return {name: _float(recorded(name)) for name in POWERS}
 
 
 def _float(values: NDArray[np.generic] | None) -> Floats | None:

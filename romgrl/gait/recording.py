@@ -37,7 +37,7 @@ class Worlds(Protocol):
 def record(env: Worlds, policy: Policy, *, steps: int, seed: int, dt: float) -> Gait:
     """One episode of `steps` control steps of `dt` s in each world; what follows a fall is marked invalid."""
     upright = np.ones((env.num_envs, steps), bool)
-    recorded: dict[str, NDArray[Any]] = {}
+    recorded: dict[str, Any] = {}
     observation, _ = env.reset(seed=seed)
     for step in range(steps):
         observation, _, terminated, _, info = env.step(policy(observation))
