@@ -7,6 +7,7 @@
 #include <memory>
 
 #include "rom/episode.hpp"
+#include "rom/work.hpp"
 
 namespace romgrl {
 
@@ -28,8 +29,20 @@ struct StepArrays {
     float* forward_velocity;
     float* ground_force;
     float* hip_torque;
+    float* power;  // of all actuators, absolute values: W, mean over the step
+    float* positive_power;
+    float* retraction_power;
+    float* positive_retraction_power;
     bool* diverged;
 };
+
+inline void write_power(const Parameters& parameters, const Work& work, int world, const StepArrays& arrays) {
+    const auto mean = [&parameters](double joules) { return static_cast<float>(joules * parameters.control_frequency); };
+    arrays.power[world] = mean(work.hip + work.retraction);
+    arrays.positive_power[world] = mean(work.positive_hip + work.positive_retraction);
+    arrays.retraction_power[world] = mean(work.retraction);
+    arrays.positive_retraction_power[world] = mean(work.positive_retraction);
+}
 
 inline int observation_size(const Parameters& parameters) {
     return parameters.observation_is_paper ? kPaperObservation : kFullObservation;

@@ -54,6 +54,10 @@ class Buffers {
         bind(arrays, arrays_.forward_velocity, "forward_velocity", 0);
         bind(arrays, arrays_.ground_force, "ground_force", romgrl::kLegs);
         bind(arrays, arrays_.hip_torque, "hip_torque", romgrl::kLegs);
+        bind(arrays, arrays_.power, "power", 0);
+        bind(arrays, arrays_.positive_power, "positive_power", 0);
+        bind(arrays, arrays_.retraction_power, "retraction_power", 0);
+        bind(arrays, arrays_.positive_retraction_power, "positive_retraction_power", 0);
         bind(arrays, arrays_.diverged, "diverged", 0);
     }
 

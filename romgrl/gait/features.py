@@ -8,7 +8,7 @@ of the humanoid or the trunk centre of the reduced-order model, the ankle the jo
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from itertools import pairwise
 from typing import Any
@@ -26,6 +26,9 @@ ALIGNMENTS = {
 ALL = "all"  # channels together
 CHANNELS = ("pelvis_y", "left_foot_x", "left_foot_z", "right_foot_x", "right_foot_z")
 MIRROR = unsigned((0, 3, 4, 1, 2))
+POWERS = ("power", "positive_power", "retraction_power", "positive_retraction_power")
+"""What actuators do, W, means over a control step: absolute values and positive ones alone, summed over the actuators;
+of the scripted retraction of a reduced-order model's legs alone."""
 BODY_Y, LEFT_X, LEFT_Z, RIGHT_X, RIGHT_Z = range(5)
 
 Floats = NDArray[np.floating]
@@ -41,7 +44,6 @@ def until_first_fall(upright: Bools) -> Bools:
 class GaitLoads:
     """What joints and feet bear, of E episodes of T control steps of S substeps; see `romgrl.humanoid.loads.Loads`."""
 
-    positive_power: Floats  # (E, T) W
     stop_share: Floats  # (E, T)
     touching: Bools  # (E, T, S, 2)
     loaded: Bools
@@ -58,7 +60,7 @@ class Gait:
 
     features (E, T, 5) m; valid (E, T): steps that belong to the episode, before any fall; fallen (E,); dt s;
     velocity (E, T) m/s forward; contact (E, T, 2) left and right foot on the ground; trunk_lean (E, T) rad, forward
-    positive; power (E, T) W, sum over the joints of |torque x angular velocity|; loads. None: not recorded.
+    positive; POWERS (E, T) W, power over the joints |torque x angular velocity|; loads. None: not recorded.
     """
 
     features: Floats
@@ -69,6 +71,9 @@ class Gait:
     contact: Bools | None = None
     trunk_lean: Floats | None = None
     power: Floats | None = None
+    positive_power: Floats | None = None
+    retraction_power: Floats | None = None
+    positive_retraction_power: Floats | None = None
     loads: GaitLoads | None = None
 
     @property
@@ -93,7 +98,7 @@ def gait_from_rollouts(arrays: Mapping[str, NDArray[np.generic]], name: str) -> 
         velocity=_float(optional("velocity")),
         contact=None if contact is None else np.asarray(contact, bool),
         trunk_lean=_float(optional("trunk_lean")),
-        power=_float(optional("power")),
+        **_powers(optional),
         loads=_loads(arrays, name),
     )
 
@@ -127,7 +132,7 @@ def gait_from_reference(arrays: Mapping[str, NDArray[np.generic]]) -> Gait:
         velocity=_float(padded("velocity")),
         contact=None if contact is None else np.asarray(contact, bool),
         trunk_lean=_float(padded("trunk_lean")),
-        power=_float(padded("power")),
+        **_powers(padded),
     )
 
 
@@ -143,6 +148,10 @@ def episode_bounds(episode: NDArray[np.generic]) -> list[tuple[int, int]]:
 def _loads(arrays: Mapping[str, NDArray[Any]], name: str) -> GaitLoads | None:
     found = {key: arrays[f"{name}_{key}"] for key in LOADS if f"{name}_{key}" in arrays}
     return GaitLoads(**found) if found.keys() == set(LOADS) else None
+
+
+def _powers(recorded: Callable[[str], NDArray[np.generic] | None]) -> dict[str, Any]:
+    return {name: _float(recorded(name)) for name in POWERS}
 
 
 def _float(values: NDArray[np.generic] | None) -> Floats | None:

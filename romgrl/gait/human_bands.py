@@ -16,6 +16,10 @@ from pathlib import Path
 
 TABLE = Path(__file__).with_suffix(".csv")
 POWER = "positive_power_w_per_kg"
+ENERGY = (POWER, "cost_of_transport")
+"""Of the joints, tendons included."""
+ON_SPRINGS = "positive_power_without_retraction_w_per_kg"
+"""A walker that has this number is the reduced-order model: what its springs give back is in none of its numbers."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +69,7 @@ def bands(speed: float) -> dict[str, Band]:
 def outside(row: Mapping[str, float], speed: float) -> dict[str, Band]:
     """The bands at a speed that a row of gait.csv leaves; empty where all hold or there are none."""
     values = {**row, "stride_length_m": stride_length(row)}
-    return {name: band for name, band in _told_by(values, speed).items() if not band.holds(values[name])}
+    return {name: band for name, band in bands_for(values, speed).items() if not band.holds(values[name])}
 
 
 def stride_length(row: Mapping[str, float]) -> float:
@@ -76,7 +80,7 @@ def stride_length(row: Mapping[str, float]) -> float:
 
 def human_verdict(row: Mapping[str, float], speed: float) -> str:
     """One line: which numbers of a row of gait.csv are human at this speed, and which are not."""
-    known, off = _told_by(row, speed), outside(row, speed)
+    known, off = bands_for(row, speed), outside(row, speed)
     if not known:
         return f"no human bands at {speed:g} m/s"
     if not off:
@@ -87,10 +91,11 @@ def human_verdict(row: Mapping[str, float], speed: float) -> str:
     )
 
 
-def _told_by(values: Mapping[str, float], speed: float) -> dict[str, Band]:
-    """The bands at a speed that a row can be held to: a reduced-order model has no joints, and so no power."""
-    powered = math.isfinite(values.get(POWER, math.nan))
-    return {name: band for name, band in bands(speed).items() if name != POWER or powered}
+def bands_for(row: Mapping[str, float], speed: float) -> dict[str, Band]:
+    """The bands at a speed that a row of gait.csv can be held to: for ENERGY, where it was recorded of joints."""
+    springs = math.isfinite(row.get(ON_SPRINGS, math.nan))
+    known = {name for name in ENERGY if math.isfinite(row.get(name, math.nan)) and not springs}
+    return {name: band for name, band in bands(speed).items() if name not in ENERGY or name in known}
 
 
 def _order(band: Band) -> tuple[str, str, float]:

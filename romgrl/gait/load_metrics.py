@@ -20,7 +20,6 @@ SHORTEST_STANCE = 0.05
 
 
 LOAD_MEASURES = (
-    "positive_power_w_per_kg",
     "stop_torque_share",
     "ankle_stop_percent",
     "contact_bouts",
@@ -30,14 +29,13 @@ LOAD_MEASURES = (
 """Columns of gait.csv."""
 
 
-def describe_loads(loads: GaitLoads | None, valid: Bools, dt: float, mass: float | None) -> dict[str, float]:
-    """LOAD_MEASURES, nan where no loads were recorded. mass: of the walker, kg."""
+def describe_loads(loads: GaitLoads | None, valid: Bools, dt: float) -> dict[str, float]:
+    """LOAD_MEASURES, nan where no loads were recorded."""
     nan = float("nan")
     if loads is None:
         return dict.fromkeys(LOAD_MEASURES, nan)
     touching, loaded = ((flags & valid[..., None, None]) for flags in (loads.touching, loads.loaded))
     values = (
-        nan if mass is None else _mean(loads.positive_power[valid]) / mass,
         float(loads.stop_share[valid].max()) if valid.any() else nan,
         100 * _mean(loads.ankle_stop[touching]),
         contact_bouts(touching, valid, dt),

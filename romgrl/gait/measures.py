@@ -91,7 +91,13 @@ MEASURES = {
         "cost of transport",
         better="lower",
         swept=True,
-        meaning="sum over joints of |torque x angular velocity| / (m g v), stops of the joints included",
+        meaning="mechanical: sum over joints of |torque x angular velocity| / (m g v), stops included; of "
+        "the teacher hip motors and retraction of the legs, but not its springs and dampers",
+    ),
+    "cost_without_retraction": Measure(
+        "cost of transport without retraction",
+        better="lower",
+        meaning="of the teacher, hip motors alone: what shortens a leg in its swing is scripted, not the policy's",
     ),
     "positive_power_w_per_kg": Measure(
         "positive power",
@@ -100,7 +106,11 @@ MEASURES = {
         "lower",
         swept=True,
         panel=True,
-        meaning="of actuators and stops, where torque and angular velocity have the same sign, over the body mass",
+        meaning="of actuators and stops, where torque and angular velocity have the same sign, over the body mass; of "
+        "the teacher hip motors and retraction, so that what its springs give back does not count",
+    ),
+    "positive_power_without_retraction_w_per_kg": Measure(
+        "positive power without retraction", "W/kg", 1, "lower", meaning="of the teacher, hip motors alone"
     ),
     "stop_torque_share": Measure(
         "stop torque",

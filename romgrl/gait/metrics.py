@@ -20,6 +20,13 @@ from romgrl.gait.periodicity import concordance, frequency, lag
 Scalar = TypeVar("Scalar", bound=np.generic)
 
 GRAVITY = 9.81
+ENERGY_MEASURES = (
+    "cost_of_transport",
+    "cost_without_retraction",
+    "positive_power_w_per_kg",
+    "positive_power_without_retraction_w_per_kg",
+)
+"""Columns of gait.csv."""
 SETTLING_TIME = 4.0  # s from reset until a gait is called steady
 
 
@@ -94,7 +101,7 @@ def trunk_lean_degrees(trunk_lean: Floats, valid: Bools | None = None) -> float:
 def cost_of_transport(power: Floats, velocity: Floats, mass: float, valid: Bools | None = None) -> float:
     """Mechanical cost of transport: sum |torque x omega| dt / (m g d), d = sum v dt.
 
-    Collins et al. 2005, Science 307:1082. power: (E, T) W, summed over joints. nan where nothing moves forward.
+    Collins et al. 2005, Science 307:1082. power: (E, T) W, summed over actuators. nan where nothing moves forward.
     """
     speed = _masked_mean(velocity, valid)
     return _masked_mean(power, valid) / (mass * GRAVITY * speed) if speed > 1e-3 else float("nan")
@@ -194,15 +201,13 @@ def describe(gait: Gait, *, target_speed: float, mass: float | None = None) -> d
         "falls": int(gait.fallen.sum()),
         "target_speed_m_per_s": target_speed,
     }
-    speed = steady = error = cost = duty = phase = nan
+    speed = steady = error = duty = phase = nan
     contact = gait.contact
     if gait.velocity is not None:
         speed, steady = mean_speed(gait.velocity, gait.valid), mean_speed(gait.velocity, valid)
         error = 100.0 * abs(speed - target_speed) / target_speed if target_speed > 0 else nan
         if contact is None:
             contact = infer_contact(features, gait.velocity, dt, gait.valid)
-        if gait.power is not None and mass is not None:
-            cost = cost_of_transport(gait.power, gait.velocity, mass, valid)
     if contact is not None:
         duty, phase = duty_factor(contact, valid), touchdown_phase(contact, valid)
     row |= {
@@ -217,9 +222,28 @@ def describe(gait: Gait, *, target_speed: float, mass: float | None = None) -> d
         "pelvis_height_m": body_height(features, valid),
         "pelvis_excursion_m": body_excursion(features, dt, valid),
         "trunk_lean_deg": nan if gait.trunk_lean is None else trunk_lean_degrees(gait.trunk_lean, valid),
-        "cost_of_transport": cost,
     }
-    return row | describe_loads(gait.loads, valid, dt, mass)
+    return row | describe_energy(gait, valid, mass) | describe_loads(gait.loads, valid, dt)
+
+
+def describe_energy(gait: Gait, valid: Bools, mass: float | None) -> dict[str, float]:
+    """ENERGY_MEASURES, nan where power was not recorded; those without retraction are of a walker that has one.
+
+    mass: of the walker, kg.
+    """
+    row = dict.fromkeys(ENERGY_MEASURES, float("nan"))
+    if mass is None:
+        return row
+    cost, own_cost, power, own_power = ENERGY_MEASURES
+    if gait.power is not None and gait.velocity is not None:
+        row[cost] = cost_of_transport(gait.power, gait.velocity, mass, valid)
+        if gait.retraction_power is not None:
+            row[own_cost] = cost_of_transport(gait.power - gait.retraction_power, gait.velocity, mass, valid)
+    if gait.positive_power is not None:
+        row[power] = _masked_mean(gait.positive_power, valid) / mass
+        if gait.positive_retraction_power is not None:
+            row[own_power] = _masked_mean(gait.positive_power - gait.positive_retraction_power, valid) / mass
+    return row
 
 
 def _episodes(values: NDArray[Scalar], valid: Bools | None) -> Iterator[NDArray[Scalar]]:

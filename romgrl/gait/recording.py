@@ -8,7 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from romgrl.gait.features import Gait, until_first_fall
+from romgrl.gait.features import POWERS, Gait, until_first_fall
 
 Policy = Callable[[NDArray[np.float32]], NDArray[np.float32]]
 
@@ -17,6 +17,7 @@ SOURCES = {
     "velocity": "forward_velocity",
     "contact": "contact",
     "trunk_lean": "trunk_lean",
+    **{power: power for power in POWERS},
 }
 """What a gait has, by the entry of an environment's `info` that it comes from, where there is one."""
 
@@ -36,7 +37,7 @@ class Worlds(Protocol):
 def record(env: Worlds, policy: Policy, *, steps: int, seed: int, dt: float) -> Gait:
     """One episode of `steps` control steps of `dt` s in each world; what follows a fall is marked invalid."""
     upright = np.ones((env.num_envs, steps), bool)
-    recorded: dict[str, NDArray[Any]] = {}
+    recorded: dict[str, Any] = {}
     observation, _ = env.reset(seed=seed)
     for step in range(steps):
         observation, _, terminated, _, info = env.step(policy(observation))
@@ -48,6 +49,4 @@ def record(env: Worlds, policy: Policy, *, steps: int, seed: int, dt: float) -> 
             recorded[name][:, step] = values
         upright[:, step] = ~terminated
     valid = until_first_fall(upright)
-    velocity, contact, trunk_lean = (recorded.get(name) for name in ("velocity", "contact", "trunk_lean"))
-    features, fallen = recorded["features"], ~valid[:, -1]
-    return Gait(features, valid, fallen, dt, velocity=velocity, contact=contact, trunk_lean=trunk_lean)
+    return Gait(valid=valid, fallen=~valid[:, -1], dt=dt, **recorded)

@@ -26,7 +26,9 @@ Three policies as safetensors, each in the artifact that its training made:
 compares its gait with the teacher's (eta {eta}, noise {noise});
 - `baseline`: the same SAC with the speed reward alone.
 
-`python -m romgrl student=pretrained` runs them. Nothing in them comes from a recording of a human or from any data set.
+`python -m romgrl student=pretrained` runs them. No motion capture and no data set of motions went into \
+the trainings. Published statistics of people did: the body has its sizes, masses and strength from tables, and the \
+reduced-order model was tuned until its gait lay in the human bands of docs/method.md or close to them.
 
 ## How it was trained
 

@@ -20,7 +20,7 @@ class RomVectorEnv(Protocol):
     the mirrors exchange left and right. `dt`: s per control step. `parameters` has at least `mass`, kg, `leg_length`
     and `foot_radius`, m. `info` of a step holds, from before an autoreset and for all worlds, "features" (N, 5) m of
     `romgrl.gait.features`, "forward_velocity" (N,) m/s, "contact" (N, 2) bool of the left and the right foot,
-    "diverged" (N,) bool and "final_obs" (N, O).
+    "diverged" (N,) bool and "final_obs" (N, O); where it can tell, POWERS of `romgrl.gait.features`, (N,) W.
     """
 
     num_envs: int

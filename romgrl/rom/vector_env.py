@@ -11,6 +11,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
+from romgrl.gait.features import POWERS
 from romgrl.rom import _core
 from romgrl.rom.drawing import draw
 from romgrl.rom.observation import ACTION_NAMES, OBSERVATION_NAMES, PAPER_OBSERVATION_NAMES, mirror
@@ -42,7 +43,9 @@ class SpringLegVectorEnv(VectorEnv[Array, Array, Array]):
 
     Finished worlds are reset in the same step; `info` holds, for all worlds and from before that reset, "final_obs",
     "features" (N, 5) m, "forward_velocity" (N,) m/s, "contact" (N, 2) bool, "ground_force" (N, 2) N (normal, mean over
-    the step), "hip_torque" (N, 2) N m (at its end), "diverged" (N,) bool; and "reset_features" (N, 5) from after it.
+    the step), "hip_torque" (N, 2) N m (at its end), "power", "positive_power", "retraction_power" and
+    "positive_retraction_power" (N,) W (means over the step, absolute and positive work of all actuators, and of the
+    legs' retraction alone; docs/method.md), "diverged" (N,) bool; and "reset_features" (N, 5) from after it.
     Arrays are reused: they are valid until the next step or reset.
     """
 
@@ -100,6 +103,7 @@ class SpringLegVectorEnv(VectorEnv[Array, Array, Array]):
         self._forward_velocity = np.zeros(n, np.float32)
         self._ground_force = np.zeros((n, 2), np.float32)
         self._hip_torque = np.zeros((n, 2), np.float32)
+        self._powers = {name: np.zeros(n, np.float32) for name in POWERS}
         self._diverged = np.zeros(n, np.bool_)
         self._travelled = np.zeros(n)  # m in this episode, for drawing
         self._info = {
@@ -110,6 +114,7 @@ class SpringLegVectorEnv(VectorEnv[Array, Array, Array]):
             "contact": self._contact,
             "ground_force": self._ground_force,
             "hip_torque": self._hip_torque,
+            **self._powers,
             "diverged": self._diverged,
         }
         arrays = {
@@ -144,7 +149,8 @@ class SpringLegVectorEnv(VectorEnv[Array, Array, Array]):
         self._batch.observe(self._observation, self._features, self._contact)
         self._final_observation[:] = self._observation
         self._reset_features[:] = self._features
-        for array in (self._forward_velocity, self._ground_force, self._hip_torque, self._diverged, self._travelled):
+        told = (self._forward_velocity, self._ground_force, self._hip_torque, *self._powers.values(), self._diverged)
+        for array in (*told, self._travelled):
             array[:] = 0
 
     def step(self, actions: Array) -> tuple[Array, Array, Array, Array, dict[str, Any]]:

@@ -24,6 +24,7 @@ from romgrl.stages.rollouts.humanoid import roll_out
 from romgrl.stages.rollouts.other_teacher import other_teacher
 from romgrl.stages.wiring.artifact_arrays import WALKERS, read_reference
 from romgrl.stages.wiring.humanoid import humanoid_env
+from romgrl.stages.wiring.rom import rom_parameters
 from romgrl.stages.wiring.seeds import EVALUATION_SEED
 from romgrl.stages.wiring.walker_policy import read_walker
 
@@ -57,7 +58,8 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
     compared = {"reference": teacher, "student": student, "baseline": baseline}
     errors = mse_table(**compared, window=evaluation.window)
     distances = measure_distances(**compared, window=evaluation.window, seed=config.seed)
-    table = describe_walkers(gaits, speeds, mass=env.dimensions.mass, window=evaluation.window)
+    masses = {"teacher": rom_parameters(config).mass, **dict.fromkeys(WALKERS, env.dimensions.mass)}
+    table = describe_walkers(gaits, speeds, masses, window=evaluation.window)
     if "falls" in reference:  # of the teacher's episodes, which count here as far as the reference holds them
         table.loc[table["walker"] == "teacher", "falls"] = int(reference["falls"])
     errors.to_csv(output / "mse.csv", index=False)
@@ -86,13 +88,13 @@ def score_null_models(
 
 
 def describe_walkers(
-    gaits: Mapping[str, Gait], speeds: Mapping[str, float], *, mass: float, window: int
+    gaits: Mapping[str, Gait], speeds: Mapping[str, float], masses: Mapping[str, float], *, window: int
 ) -> pd.DataFrame:
-    """gait.csv: one row per walker, phase lag included."""
+    """gait.csv: one row per walker, phase lag included; speeds, m/s, that they are to hold, and masses, kg."""
     rows = []
     for name, gait in gaits.items():
         seconds, strides = aligned_phase_lag(gait, gaits["teacher"], window)
-        row = describe(gait, target_speed=speeds[name], mass=mass)
+        row = describe(gait, target_speed=speeds[name], mass=masses[name])
         error = error_over_variance(gait, gaits["teacher"], window)
         row |= {"error_over_variance": float(error.mean()), "largest_error_over_variance": float(error.max())}
         rows.append({"walker": name, **row, "phase_lag_s": seconds, "phase_lag_strides": strides})

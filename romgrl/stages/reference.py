@@ -10,7 +10,7 @@ import numpy as np
 from romgrl.artifacts import save_arrays
 from romgrl.config.schema import Config
 from romgrl.errors import ArtifactError
-from romgrl.gait.features import CHANNELS, Gait
+from romgrl.gait.features import CHANNELS, POWERS, Gait
 from romgrl.gait.reference_check import check_reference
 from romgrl.runtime.stage_log import StageLog
 from romgrl.stages.rollouts.teacher import roll_out_teacher
@@ -38,6 +38,7 @@ def write_reference(path: Path, gait: Gait, *, speed: float, steps: int) -> None
     """reference.npz: the first `steps` valid steps, one episode after the other, and how many episodes fell."""
     assert gait.velocity is not None
     assert gait.contact is not None
+    powers = {name: getattr(gait, name) for name in POWERS}
     save_arrays(
         path,
         {
@@ -45,6 +46,7 @@ def write_reference(path: Path, gait: Gait, *, speed: float, steps: int) -> None
             "episode": np.nonzero(gait.valid)[0][:steps].astype(np.int32),
             "contact": gait.contact[gait.valid][:steps],
             "velocity": gait.velocity[gait.valid][:steps].astype(np.float32),
+            **{name: told[gait.valid][:steps].astype(np.float32) for name, told in powers.items() if told is not None},
             "falls": float(gait.fallen.sum()),
             "channels": np.array(CHANNELS),
             "dt": gait.dt,

@@ -53,7 +53,8 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
             )
             checks.keep_best(ppo)
     save_ppo_policy(path, ppo, env.observation_names)
-    row = describe(check_gait(config, load_ppo_policy(path)), target_speed=config.teacher.speed)
+    gait = check_gait(config, load_ppo_policy(path))
+    row = describe(gait, target_speed=config.teacher.speed, mass=env.parameters.mass)
     write_row(output / "gait.csv", {"walker": "teacher", **row})
     log.message(
         f"{row['falls']:.0f} falls in {CHECK_EPISODES} episodes, {row['mean_speed_m_per_s']:.2f} m/s, "

@@ -71,6 +71,7 @@ REFERENCE: dict[str, tuple[Spoil, str]] = {
     "nan": (lambda b: b.reference(**features(np.nan)), "features holds numbers that are not finite"),
     "inf": (lambda b: b.reference(**features(np.inf)), "features holds numbers that are not finite"),
     "nan in velocity": (lambda b: b.reference(velocity=np.full(360, np.nan, np.float32)), "velocity holds numbers"),
+    "power of two worlds": (lambda b: b.reference(power=np.ones((360, 2), np.float32)), "power is float32 (360, 2)"),
     "contact of one foot": (lambda b: b.reference(contact=np.ones((360, 1), bool)), "contact is bool (360, 1)"),
     "50 Hz": (lambda b: b.reference(dt=np.float32(0.02)), "dt 0.02; needed: 0.0333333"),
     "three metres per second": (lambda b: b.reference(speed=np.float32(3.0)), "speed 3; needed: 4"),

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from romgrl.gait import alignment
-from romgrl.gait.features import CHANNELS, LOADS, Floats, Gait, gait_from_reference, gait_from_rollouts
+from romgrl.gait.features import CHANNELS, LOADS, POWERS, Floats, Gait, gait_from_reference, gait_from_rollouts
 from tests.helpers.synthetic_gait import DT, run
 
 
@@ -232,12 +232,16 @@ def test_gaits_are_read_from_the_artifacts_arrays() -> None:
     assert [len(e) for e in student.upright_episodes] == [120, 120]
     assert student.loads is None
     flags = np.repeat(contact[:, :, None], 4, axis=2)
-    power, share = np.full((3, 120), 5.0), np.full((3, 120), 0.5)
-    loads = dict(zip(LOADS, (power, share, flags, flags, ~flags, flags), strict=True))
+    share = np.full((3, 120), 0.5)
+    loads = dict(zip(LOADS, (share, flags, flags, ~flags, flags), strict=True))
     recorded = gait_from_rollouts(arrays | {f"student_{key}": values for key, values in loads.items()}, "student").loads
     assert recorded is not None
     for key, values in loads.items():
         np.testing.assert_array_equal(getattr(recorded, key), values)
+    powers = {name: np.full((3, 120), value) for value, name in enumerate(POWERS)}
+    told = gait_from_rollouts(arrays | {f"student_{name}": values for name, values in powers.items()}, "student")
+    assert [getattr(told, name)[2, 7] for name in POWERS] == [0, 1, 2, 3]
+    assert [getattr(student, name) for name in POWERS] == [None] * 4
     flat = {
         "features": features.reshape(-1, 5)[:300],
         "episode": np.repeat([0, 1, 4], [120, 120, 60]),
@@ -246,3 +250,6 @@ def test_gaits_are_read_from_the_artifacts_arrays() -> None:
     reference = gait_from_reference(flat)
     assert [len(e) for e in reference.upright_episodes] == [120, 120, 60]
     np.testing.assert_array_equal(reference.features[2, :60], features[2, :60])
+    assert [getattr(reference, name) for name in POWERS] == [None] * 4
+    told = gait_from_reference(flat | {name: values.reshape(-1)[:300] for name, values in powers.items()})
+    assert [getattr(told, name)[2].tolist() for name in POWERS] == [[value] * 60 + [0] * 60 for value in range(4)]

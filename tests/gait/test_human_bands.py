@@ -21,7 +21,7 @@ ROW = {
 @pytest.mark.parametrize("speed", [1.0, 1.4, 2.5, 4.0])
 def test_every_speed_has_every_measure_with_a_source(speed: float) -> None:
     bands = human_bands.bands(speed)
-    assert set(bands) == MEASURES | ({human_bands.POWER} if speed == 4.0 else set())
+    assert set(bands) == MEASURES | (set(human_bands.ENERGY) if speed == 4.0 else set())
     assert all(0 < band.low < band.high and band.source for band in bands.values())
 
 
@@ -78,6 +78,23 @@ def test_a_number_outside_is_named_with_its_band() -> None:
 def test_a_measure_known_at_one_speed_holds_there_alone() -> None:
     assert (human_bands.bands(4.0)[human_bands.POWER].low, human_bands.bands(4.0)[human_bands.POWER].high) == (6, 9)
     assert human_bands.POWER not in human_bands.bands(3.9)
+
+
+def test_the_cost_of_a_run_is_twice_its_positive_power_per_weight_and_speed() -> None:
+    power, cost = (human_bands.bands(4.0)[name] for name in human_bands.ENERGY)
+    assert [cost.low, cost.high] == pytest.approx(
+        [2 * limit / (GRAVITY * 4.0) for limit in (power.low, power.high)], rel=0.02
+    )
+
+
+def test_energy_of_a_walker_on_springs_is_held_to_no_band() -> None:
+    """Joints of people have tendons, which give back what they took; the springs of the model are in no number."""
+    energy = {human_bands.POWER: 3.0, "cost_of_transport": 0.2}
+    assert set(human_bands.outside(ROW | energy, 4.0)) == set(human_bands.ENERGY)
+    springs = ROW | energy | {human_bands.ON_SPRINGS: 1.0}
+    assert human_bands.outside(springs, 4.0) == {}
+    assert "power" not in human_bands.human_verdict(springs, 4.0)
+    assert human_bands.outside(ROW | {"cost_of_transport": 0.4}, 4.0) == {}
 
 
 def test_power_is_asked_of_walkers_with_joints_only() -> None:

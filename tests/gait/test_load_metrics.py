@@ -111,20 +111,17 @@ def test_rows_by_hand() -> None:
     valid = all_of(touching)
     valid[0, 15:] = False
     loads = GaitLoads(
-        positive_power=np.where(valid, 700.0, 1e9),
         stop_share=np.where(np.arange(20) == 3, 0.4, 0.1)[None] + 9.0 * ~valid,
         touching=touching,
         loaded=touching & (np.arange(80).reshape(1, 20, 4, 1) >= 20),
         sliding=touching & (np.arange(80).reshape(1, 20, 4, 1) >= 30),
         ankle_stop=flags(stances((20, 30), (70, 80), length=80), stances((60, 80), length=80)),
     )
-    row = describe_loads(loads, valid, DT, mass=70.0)
-    assert row["positive_power_w_per_kg"] == pytest.approx(10.0)
+    row = describe_loads(loads, valid, DT)
     assert row["stop_torque_share"] == pytest.approx(0.4)
     assert row["ankle_stop_percent"] == pytest.approx(100 * 10 / 80)  # 40 substeps of each foot on the ground
     assert row["sliding_percent"] == pytest.approx(100 * (30 + 10) / (40 + 20))
     assert row["contact_bouts"] == 1.0
     assert np.isnan(row["step_time_asymmetry_percent"])
-    assert np.isnan(describe_loads(loads, valid, DT, mass=None)["positive_power_w_per_kg"])
-    nothing = describe_loads(loads, valid & False, DT, mass=70.0)
+    nothing = describe_loads(loads, valid & False, DT)
     assert np.isnan(list(nothing.values())).all()

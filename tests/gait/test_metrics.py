@@ -1,8 +1,10 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from romgrl.gait import human_bands, metrics
-from romgrl.gait.features import Gait, GaitLoads
+from romgrl.gait.features import POWERS, Gait, GaitLoads
 from romgrl.gait.load_metrics import LOAD_MEASURES
 from romgrl.gait.measures import MEASURES
 from tests.helpers.synthetic_gait import DT, run
@@ -117,8 +119,10 @@ def test_describe_names_every_column_with_its_unit() -> None:
     features, contact = run(frequency=1.7, episodes=8)
     ones = np.ones(features.shape[:2])
     flags = np.repeat(contact[:, :, None], 4, axis=2)
-    loads = GaitLoads(600 * ones, 0.25 * ones, flags, flags, flags & False, flags)
-    gait = Gait(features, ones > 0, np.zeros(8, bool), DT, 4.1 * ones, contact, 0.1 * ones, 900 * ones, loads)
+    loads = GaitLoads(0.25 * ones, flags, flags, flags & False, flags)
+    powers = dict(zip(POWERS, (900 * ones, 600 * ones, 200 * ones, 100 * ones), strict=True))
+    known = {"velocity": 4.1 * ones, "contact": contact, "trunk_lean": 0.1 * ones, "loads": loads}
+    gait = Gait(features, ones > 0, np.zeros(8, bool), DT, **known, **powers)
     row = metrics.describe(gait, target_speed=4.0, mass=71.8)
     assert row["falls"] == 0
     assert row["mean_speed_m_per_s"] == pytest.approx(4.1)
@@ -126,15 +130,32 @@ def test_describe_names_every_column_with_its_unit() -> None:
     assert row["stride_frequency_hz"] == pytest.approx(1.7, rel=0.01)
     assert row["touchdown_phase_strides"] == pytest.approx(0.5, abs=0.02)
     assert row["trunk_lean_deg"] == pytest.approx(np.degrees(0.1))
+    assert row["cost_of_transport"] == pytest.approx(900 / (71.8 * 9.81 * 4.1))
+    assert row["cost_without_retraction"] == pytest.approx(700 / (71.8 * 9.81 * 4.1))
     assert row["positive_power_w_per_kg"] == pytest.approx(600 / 71.8)
+    assert row["positive_power_without_retraction_w_per_kg"] == pytest.approx(500 / 71.8)
     assert (row["stop_torque_share"], row["ankle_stop_percent"], row["sliding_percent"]) == (0.25, 100.0, 0.0)
     assert row["contact_bouts"] == 1.0
     assert all(np.isfinite(value) for value in row.values())
     bare = metrics.describe(Gait(features, ones > 0, np.zeros(8, bool), DT), target_speed=4.0)
     assert np.isnan(bare["mean_speed_m_per_s"])
-    assert np.isnan([bare[name] for name in LOAD_MEASURES]).all()
+    assert np.isnan([bare[name] for name in (*metrics.ENERGY_MEASURES, *LOAD_MEASURES)]).all()
     assert np.isfinite(bare["stride_frequency_hz"])
     assert bare.keys() == row.keys()
+
+
+def test_energy_counts_valid_steps_and_what_was_recorded() -> None:
+    """A walker of 50 kg at 2 m/s in two valid steps of three: 300 W, of which 200 W positive."""
+    features, valid = np.zeros((1, 3, 5)), np.array([[True, True, False]])
+    power, positive, velocity = np.array([[200.0, 400, 9e9], [300, 100, 9e9], [2, 2, 0]])[:, None]
+    gait = Gait(features, valid, np.zeros(1, bool), DT, velocity, power=power, positive_power=positive)
+    cost, own_cost, per_kg, own_per_kg = metrics.describe_energy(gait, valid, 50.0).values()
+    assert (cost, per_kg) == pytest.approx((300 / (50 * 9.81 * 2), 4.0))
+    assert np.isnan([own_cost, own_per_kg]).all()
+    assert np.isnan(list(metrics.describe_energy(gait, valid, None).values())).all()
+    still = metrics.describe_energy(replace(gait, velocity=None), valid, 50.0)
+    assert np.isnan(still["cost_of_transport"])
+    assert still["positive_power_w_per_kg"] == pytest.approx(4.0)
 
 
 def test_the_start_from_a_reset_does_not_count_as_gait() -> None:

@@ -52,9 +52,15 @@ def test_what_worlds_do_not_report_is_not_there() -> None:
     bare = record(Counting(), policy, steps=3, seed=0, dt=0.1)
     assert bare.contact is None
     assert bare.trunk_lean is None
+    assert bare.power is None
     contact, lean = np.zeros((3, 2), bool), np.zeros(3, np.float32)
-    told = record(Counting(contact=contact, trunk_lean=lean), policy, steps=3, seed=0, dt=0.1)
+    power = {"power": np.zeros(3, np.float32), "retraction_power": np.zeros(3, np.float32)}
+    told = record(Counting(contact=contact, trunk_lean=lean, **power), policy, steps=3, seed=0, dt=0.1)
     assert told.contact is not None
     assert told.trunk_lean is not None
     assert (told.contact.dtype, told.contact[0, :, 1].tolist()) == (bool, [False, True, False])
     assert told.trunk_lean[2] == pytest.approx([0, 1, 2])
+    assert told.power is not None
+    assert told.retraction_power is not None
+    assert told.power[1].tolist() == told.retraction_power[1].tolist() == [0, 1, 2]
+    assert told.positive_power is None

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from romgrl.gait.features import POWERS
 from romgrl.rom import _core
 
 ENGINE = "box2d"  # the fixture `engine` sets it
@@ -72,6 +73,7 @@ class Worlds:
             "forward_velocity": np.zeros(n, np.float32),
             "ground_force": np.zeros((n, 2), np.float32),
             "hip_torque": np.zeros((n, 2), np.float32),
+            **{name: np.zeros(n, np.float32) for name in POWERS},
             "diverged": np.zeros(n, np.bool_),
         }
 

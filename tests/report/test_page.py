@@ -150,6 +150,11 @@ def test_gait_rows_know_the_human_band() -> None:
     assert [value.human for value in rows["duty factor"].values] == [False, True]
     assert rows["stride length [m]"].values[0].text == "2.667"
     assert rows["steady speed [m/s]"].values[0].human is None
+    joints = {**row, "positive_power_w_per_kg": 3.0, "positive_power_without_retraction_w_per_kg": np.nan}
+    springs = {**joints, "positive_power_without_retraction_w_per_kg": 1.0}
+    rows = {row.label: row for row in tables.gait_rows(pd.DataFrame([springs, joints]), 4.0)}
+    assert [value.human for value in rows["positive power [W/kg]"].values] == [None, False]
+    assert rows["positive power [W/kg]"].band == "6.0 to 9.0"
 
 
 def test_data_cannot_end_its_script() -> None:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from romgrl.gait.features import POWERS
 from tests.helpers.rom_worlds import Worlds, core_parameters, pose
 
 LENGTH, RADIUS = 0.865, 0.072
@@ -43,7 +44,7 @@ def test_a_substep_is_box2ds(trunk_locked: bool, friction: float) -> None:
     rng = np.random.default_rng(7)
     for world in range(200):
         box2d.batch.place(world, wild_pose(rng))
-    strain, angle, errors, forces = 0.0, 0.0, [], []
+    strain, angle, errors, forces, powers = 0.0, 0.0, [], [], []
     for _ in range(150):
         native.batch.restore(box2d.batch.save())
         action = rng.uniform(-1, 1, (200, 2)).astype(np.float32)
@@ -53,12 +54,17 @@ def test_a_substep_is_box2ds(trunk_locked: bool, friction: float) -> None:
         errors.append(np.abs(native.batch.save() - box2d.batch.save())[going, :30].max(axis=1))
         forces.append(np.abs(native["ground_force"] - box2d["ground_force"])[going].max(axis=1))
         np.testing.assert_allclose(native["hip_torque"], box2d["hip_torque"], rtol=0, atol=1e-4)
+        powers.append(
+            np.max([np.abs(native[name] - box2d[name])[going] / (10 + box2d[name][going]) for name in POWERS], 0)
+        )
         strain = max(strain, float(box2d["final_observation"][:, 6:8].max()))
         angle = max(angle, float(np.abs(box2d["final_observation"][:, 10:12]).max()))
     assert strain > 0.0499
     assert angle > 1.3
     assert np.quantile(np.concatenate(errors), 0.9995) < 1e-4
     assert np.quantile(np.concatenate(forces), 0.9995) < 1.0
+    assert np.quantile(np.concatenate(powers), 0.9995) < 1e-3
+    assert max(box2d[name].max() for name in POWERS[2:]) > 1.0
 
 
 def test_control_steps_are_box2ds() -> None:

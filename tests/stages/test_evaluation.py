@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 from romgrl.artifacts import load_arrays, save_arrays
 from romgrl.config.schema import Config
 from romgrl.errors import ArtifactError
+from romgrl.gait.features import POWERS
+from romgrl.gait.metrics import ENERGY_MEASURES
 from romgrl.gait.null_models import NULL_COLUMNS
 from romgrl.humanoid.loads import Loads, replay
 from romgrl.humanoid.model import build, configured, dimensions, fingerprint
@@ -25,6 +27,7 @@ from romgrl.stages.rollouts import humanoid
 from romgrl.stages.rollouts.humanoid import roll_out
 from romgrl.stages.rollouts.other_teacher import other_teacher
 from romgrl.stages.wiring.artifact_arrays import DISTANCE_COLUMNS
+from romgrl.stages.wiring.rom import rom_parameters
 from tests.conftest import Composer
 from tests.helpers.synthetic_gait import DT, run
 from tests.helpers.walkers import write_walker
@@ -124,7 +127,8 @@ def test_stage_writes_the_fixed_files(smoke_config: Config, tmp_path: Path) -> N
     inputs = {name: tmp_path / name for name in ("reference", "student", "baseline")}
     for path in inputs.values():
         path.mkdir()
-    write_reference(inputs["reference"])
+    watts = dict(zip(POWERS, (400.0, 300.0, 100.0, 90.0), strict=True))
+    write_reference(inputs["reference"], **{name: np.full(360, watt, np.float32) for name, watt in watts.items()})
     for seed, name in enumerate(("student", "baseline")):
         write_walker(inputs[name] / "policy.safetensors", seed=seed, humanoid=fingerprint(configured(config.humanoid)))
     log = SilentLog()
@@ -148,6 +152,12 @@ def test_stage_writes_the_fixed_files(smoke_config: Config, tmp_path: Path) -> N
     teacher = gaits.set_index("walker").loc["teacher"]
     assert teacher.stride_frequency_hz == pytest.approx(1.75, rel=0.01)
     assert teacher.phase_lag_s == pytest.approx(0.0, abs=1e-6)
+    mass = rom_parameters(config).mass
+    assert teacher[list(ENERGY_MEASURES)].tolist() == pytest.approx(
+        [400 / (mass * 9.81 * 4), 300 / (mass * 9.81 * 4), 300 / mass, 210 / mass], rel=1e-5
+    )
+    walkers = gaits.set_index("walker").loc[["student", "baseline"]]
+    assert walkers[["cost_without_retraction", "positive_power_without_retraction_w_per_kg"]].isna().all(axis=None)
     assert (gaits.target_speed_m_per_s == 4.0).all()
     nulls = pd.read_csv(tmp_path / "null_models.csv")
     assert list(nulls) == [*NULL_COLUMNS]
@@ -188,7 +198,7 @@ def test_a_reference_that_does_not_fit_is_refused(smoke_config: Config, tmp_path
         evaluation.run(smoke_config, {"reference": tmp_path}, tmp_path, SilentLog())
 
 
-def write_reference(directory: Path, dt: float = DT) -> None:
+def write_reference(directory: Path, dt: float = DT, **powers: NDArray[np.float32]) -> None:
     features, contact = run(episodes=3, steps=120, frequency=1.75)
     arrays = {
         "features": features.reshape(-1, 5),
@@ -198,4 +208,4 @@ def write_reference(directory: Path, dt: float = DT) -> None:
         "dt": dt,
         "speed": 4.0,
     }
-    save_arrays(directory / "reference.npz", arrays)
+    save_arrays(directory / "reference.npz", arrays | powers)

@@ -13,6 +13,7 @@ from romgrl.algorithms.ppo_policy import load_ppo_policy
 from romgrl.artifacts import load_arrays, load_tensors
 from romgrl.config.schema import Config
 from romgrl.errors import ArtifactError, DivergenceError
+from romgrl.gait.features import POWERS
 from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import reference, teacher
 from romgrl.stages.wiring.rom import rom_parameters
@@ -103,7 +104,14 @@ def test_reference_of_an_untrained_teacher_is_refused(compose_config: Composer, 
     log = SilentLog()
     reference.run(unchecked, {"teacher": tmp_path / "teacher"}, tmp_path / "reference", log)
     assert "the reference falls" in log.messages[-1]
-    assert load_arrays(tmp_path / "reference" / "reference.npz")["features"].shape == (config.reference.steps, 5)
+    arrays = load_arrays(tmp_path / "reference" / "reference.npz")
+    assert arrays["features"].shape == (config.reference.steps, 5)
+    power, positive, retraction, positive_retraction = (arrays[name] for name in POWERS)
+    assert power.shape == (config.reference.steps,)
+    assert (power >= positive).all()
+    assert (power >= retraction).all()
+    assert (retraction >= positive_retraction).all()
+    assert power.max() > 1.0
 
 
 def test_null_dimensions_come_from_the_humanoid(compose_config: Composer) -> None:

@@ -30,6 +30,7 @@ class Environment {
     void features(float* output) const;
     void contact(bool* output) const;
     const Walker& walker() const { return walker_; }
+    const Parameters& parameters() const { return parameters_; }
 
     void save(double* state) const;
     void restore(const double* state);

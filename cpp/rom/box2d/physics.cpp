@@ -118,14 +118,18 @@ bool Walker::update_touchdown(int side, const LegView& view, bool is_loaded) {
 
 // An unloaded leg shortens while the other one carries the body, until it has passed half of its last touchdown angle;
 // then it extends again. A loaded leg keeps its rest length: extending it would pump energy into the stance (up to
-// k (0.15 L0)^2 / 2 = 200 J per step), which makes a two-legged hop the best gait.
-void Walker::update_shortening(int side, const LegView& view, bool other_loaded) {
+// k (0.15 L0)^2 / 2 = 200 J per step), which makes a two-legged hop the best gait. Returns the work that it takes: what
+// the spring, whose length stays, holds more than before, k ((r' - l)^2 - (r - l)^2) / 2.
+double Walker::update_shortening(int side, const LegView& view, bool other_loaded) {
     Motion& motion = motion_[side];
     const bool early = other_loaded && view.angle < 0.5 * std::max(motion.touchdown_angle, 0.0);
     const double full = parameters_.retraction * parameters_.leg_length;
     const double change = full * dt_ / parameters_.retraction_time;
     const double target = early ? full : 0.0;
-    motion.shortening += std::clamp(target - motion.shortening, -change, change);
+    const double compression = rest_length(side) - view.length;
+    const double shortened = std::clamp(target - motion.shortening, -change, change);
+    motion.shortening += shortened;
+    return -parameters_.stiffness * shortened * (compression - 0.5 * shortened);
 }
 
 // Hip stops: a critically damped spring whose period is a fixed number of substeps, as torque on the leg. It only pushes
@@ -144,6 +148,7 @@ double Walker::stop_torque(const LegView& view) const {
 bool Walker::substep(const std::array<double, kLegs>& command) {
     std::array<LegView, kLegs> view{};
     std::array<bool, kLegs> is_loaded{};
+    std::array<double, kLegs> wound{};
     int touchdown = 0;
     for (int i = 0; i < kLegs; ++i) {
         view[i] = leg(i);
@@ -151,7 +156,7 @@ bool Walker::substep(const std::array<double, kLegs>& command) {
     }
     for (int i = 0; i < kLegs; ++i) {
         if (update_touchdown(i, view[i], is_loaded[i])) touchdown += i == 0 ? 1 : 2;
-        if (!is_loaded[i]) update_shortening(i, view[i], is_loaded[1 - i]);
+        if (!is_loaded[i]) wound[i] = update_shortening(i, view[i], is_loaded[1 - i]);
         motion_[i].torque += lag_gain_ * (command[i] - motion_[i].torque);
     }
     if (touchdown == 3) touchdown = view[0].angle > view[1].angle ? 1 : 2;  // both at once: the one in front
@@ -159,6 +164,8 @@ bool Walker::substep(const std::array<double, kLegs>& command) {
         last_touchdown_side_ = touchdown == 1 ? 1 : -1;
         last_touchdown_x_ = x();
     }
+    work_.retraction += std::fabs(wound[0]) + std::fabs(wound[1]);
+    work_.positive_retraction += std::max(wound[0], 0.0) + std::max(wound[1], 0.0);
     const double net = motion_[0].torque + motion_[1].torque;
     const double limit = parameters_.trunk_moment_limit;
     const double excess = net - std::clamp(net, -limit, limit);
@@ -179,9 +186,11 @@ bool Walker::substep(const std::array<double, kLegs>& command) {
         stop->SetMinLength(stop->GetMinLength());
         stop->SetMaxLength(stop->GetMaxLength());
     }
+    const double turning = pitch_rate();
     world_.Step(static_cast<float>(dt_), parameters_.velocity_iterations, parameters_.position_iterations);
     add_ground_force();
     if (!sane()) return false;
+    add_hip_work(view, turning);
     recentre();
     return true;
 }
@@ -196,8 +205,23 @@ void Walker::add_ground_force() {
     }
 }
 
+// Torque times the mean of the hip's rate before and after the substep, along the direction in which the torque acted: its
+// work on the bodies exactly, impacts in the same substep or not.
+void Walker::add_hip_work(const std::array<LegView, kLegs>& before, double pitch_rate_before) {
+    std::array<double, kLegs> done{};
+    for (int i = 0; i < kLegs; ++i) {
+        const b2Vec2 v = foot(i)->GetLinearVelocity() - trunk_->GetLinearVelocity();
+        const double lever = std::max(before[i].length, kShortestLever * parameters_.leg_length);
+        const double after = (-before[i].along_y * v.x + before[i].along_x * v.y) / lever + pitch_rate();
+        done[i] = hip_torque_[i] * 0.5 * (before[i].angle_rate + pitch_rate_before + after) * dt_;
+    }
+    work_.hip += std::fabs(done[0]) + std::fabs(done[1]);
+    work_.positive_hip += std::max(done[0], 0.0) + std::max(done[1], 0.0);
+}
+
 bool Walker::step(const std::array<double, kLegs>& command) {
     ground_force_.fill(0.0);
+    work_ = Work{};
     for (int i = 0; i < parameters_.substeps; ++i) {
         if (!substep(command)) return false;
     }

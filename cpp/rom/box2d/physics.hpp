@@ -10,6 +10,7 @@
 
 #include <box2d/box2d.h>
 
+#include "rom/work.hpp"
 #include "rom/world_state.hpp"
 
 namespace romgrl {
@@ -41,6 +42,7 @@ class Walker {
 
     const std::array<double, kLegs>& ground_force() const { return ground_force_; }  // mean of the last step, N
     const std::array<double, kLegs>& hip_torque() const { return hip_torque_; }  // of the last substep, N m
+    const Work& work() const { return work_; }  // of the last step
     double last_touchdown_x() const { return last_touchdown_x_; }
     int last_touchdown_side() const { return last_touchdown_side_; }  // 1 left, -1 right, 0 none
 
@@ -59,10 +61,11 @@ class Walker {
     b2Body* foot(int side) const { return feet_[slot_[side]]; }
     double rest_length(int side) const { return parameters_.leg_length - motion_[side].shortening; }
     bool update_touchdown(int side, const LegView& view, bool is_loaded);
-    void update_shortening(int side, const LegView& view, bool other_loaded);
+    double update_shortening(int side, const LegView& view, bool other_loaded);
     double stop_torque(const LegView& view) const;
     bool substep(const std::array<double, kLegs>& command);
     void add_ground_force();
+    void add_hip_work(const std::array<LegView, kLegs>& before, double pitch_rate_before);
     void recentre();
     bool sane() const;
 
@@ -75,6 +78,7 @@ class Walker {
     std::array<int, kLegs> slot_{0, 1};
     std::array<Motion, kLegs> motion_{};
     std::array<double, kLegs> ground_force_{}, hip_torque_{};
+    Work work_;
     double origin_ = 0.0;  // world x of Box2D's origin
     double last_touchdown_x_ = 0.0;
     int last_touchdown_side_ = 0;

@@ -72,6 +72,7 @@ class Box2DWorlds : public Worlds {
             arrays.ground_force[kLegs * world + i] = static_cast<float>(environment.walker().ground_force()[i]);
             arrays.hip_torque[kLegs * world + i] = static_cast<float>(environment.walker().hip_torque()[i]);
         }
+        write_power(environment.parameters(), outcome.diverged ? Work{} : environment.walker().work(), world, arrays);
         float* observation = arrays.observation + size_ * world;
         float* reset_features = arrays.reset_features + kFeatures * world;
         if (outcome.terminated || outcome.truncated) {

@@ -77,13 +77,15 @@ ROMGRL_INLINE double update_touchdown(LegLanes& lanes, const Leg& leg, bool load
     return touchdown ? 1.0 : 0.0;
 }
 
-// See Walker::update_shortening.
-ROMGRL_INLINE void update_shortening(const NativeConstants& c, LegLanes& lanes, const Leg& leg, bool loaded,
+// See Walker::update_shortening. Returns the change.
+ROMGRL_INLINE double update_shortening(const NativeConstants& c, LegLanes& lanes, const Leg& leg, bool loaded,
                                      bool other_loaded, int n) {
     const bool early = other_loaded & (leg.angle < 0.5 * larger(lanes.touchdown_angle[n], 0.0));
     const double old = lanes.shortening[n];
     const double missing = (early ? c.retraction : 0.0) - old;
-    lanes.shortening[n] = loaded ? old : old + clamped(missing, -c.retraction_change, c.retraction_change);
+    const double change = loaded ? 0.0 : clamped(missing, -c.retraction_change, c.retraction_change);
+    lanes.shortening[n] = old + change;
+    return change;
 }
 
 // See Walker::stop_torque.
@@ -118,14 +120,27 @@ ROMGRL_INLINE bool move_foot(const NativeConstants& c, const Body& trunk, LegLan
     return (smaller(before, after) < c.shortest) | (larger(before, after) > c.longest);
 }
 
-ROMGRL_INLINE void update_velocities(const NativeConstants& c, const Command& command, Group& g, Scratch& s, int n) {
+// See Walker::update_shortening: per stiffness.
+ROMGRL_INLINE double retraction_work(const Leg& leg, double rest, double shortened) {
+    return -shortened * (rest - leg.length + 0.5 * shortened);
+}
+
+// See Walker::add_hip_work: per half a substep's time.
+ROMGRL_INLINE double hip_work(const Group& g, const LegLanes& lanes, const Leg& leg, double rate, int n) {
+    const double vx = lanes.foot.vx[n] - g.trunk.vx[n], vy = lanes.foot.vy[n] - g.trunk.vy[n];
+    const double after = (leg.along_x * vy - leg.along_y * vx) * leg.inverse_lever - g.rate[n];
+    return lanes.hip_torque[n] * (rate + after);
+}
+
+ROMGRL_INLINE void update_velocities(const NativeConstants& c, const Command& command, Group& g, Scratch& s,
+                                     WorkLanes& work, int n) {
     LegLanes &p = g.leg[0], &q = g.leg[1];
     const Leg a = look(c, g, p.foot, n), b = look(c, g, q.foot, n);
     const bool a_loaded = a.contact & (a.length < c.leg_length - p.shortening[n]);
     const bool b_loaded = b.contact & (b.length < c.leg_length - q.shortening[n]);
     const double a_down = update_touchdown(p, a, a_loaded, n), b_down = update_touchdown(q, b, b_loaded, n);
-    update_shortening(c, p, a, a_loaded, b_loaded, n);
-    update_shortening(c, q, b, b_loaded, a_loaded, n);
+    const double a_shortened = update_shortening(c, p, a, a_loaded, b_loaded, n);
+    const double b_shortened = update_shortening(c, q, b, b_loaded, a_loaded, n);
     // 1: a touched down, -1: b did; both at once: the one in front.
     const double which = a_down - b_down + a_down * b_down * (a.angle > b.angle ? 1.0 : -1.0);
     const double side = which * (1.0 - 2.0 * g.left_slot[n]), at_x = g.origin[n] + g.trunk.x[n];
@@ -142,7 +157,10 @@ ROMGRL_INLINE void update_velocities(const NativeConstants& c, const Command& co
     const double a_torque = p.hip_torque[n] + stop_torque(c, a, g.angle[n], g.rate[n]);
     const double b_torque = q.hip_torque[n] + stop_torque(c, b, g.angle[n], g.rate[n]);
 
+    const double a_rate = a.angle_rate - g.rate[n], b_rate = b.angle_rate - g.rate[n];
+
     const double a_rest = c.leg_length - p.shortening[n], b_rest = c.leg_length - q.shortening[n];
+    const double a_wound = retraction_work(a, a_rest, a_shortened), b_wound = retraction_work(b, b_rest, b_shortened);
     const double a_axial = axial_force(c, a, a_rest, a.contact & (a.length < a_rest));
     const double b_axial = axial_force(c, b, b_rest, b.contact & (b.length < b_rest));
     const double a_across = a_torque * a.inverse_lever, b_across = b_torque * b.inverse_lever;
@@ -154,6 +172,34 @@ ROMGRL_INLINE void update_velocities(const NativeConstants& c, const Command& co
     const bool a_stop = move_foot(c, g.trunk, p, s.leg[0], a, a_fx, a_fy, n);
     const bool b_stop = move_foot(c, g.trunk, q, s.leg[1], b, b_fx, b_fy, n);
     s.stopped[n] = (a_stop | b_stop) ? 1.0 : 0.0;
+
+    const double a_done = hip_work(g, p, a, a_rate, n), b_done = hip_work(g, q, b, b_rate, n);
+    s.leg[0].hip_work[n] = a_done;
+    s.leg[1].hip_work[n] = b_done;
+    work.hip[n] += std::fabs(a_done) + std::fabs(b_done);
+    work.positive_hip[n] += larger(a_done, 0.0) + larger(b_done, 0.0);
+    work.retraction[n] += std::fabs(a_wound) + std::fabs(b_wound);
+    work.positive_retraction[n] += larger(a_wound, 0.0) + larger(b_wound, 0.0);
+}
+
+// The same for one lane at its stops, and what that changes of the hips' work.
+void stop(const NativeConstants& c, const Scratch& s, int n, Group& g, WorkLanes& work) {
+    const auto across = [&](int i) {
+        const Body& foot = g.leg[i].foot;
+        return s.leg[i].along_x[n] * (foot.vy[n] - g.trunk.vy[n]) - s.leg[i].along_y[n] * (foot.vx[n] - g.trunk.vx[n]);
+    };
+    const double before[kLegs] = {across(0), across(1)};
+    solve_velocities(c, s, n, g);
+    double change = 0.0, positive_change = 0.0;
+    for (int i = 0; i < kLegs; ++i) {
+        const double inverse_lever = smaller(1.0 / larger(s.leg[i].length[n], 1e-30), c.inverse_shortest_lever);
+        const double old = s.leg[i].hip_work[n];
+        const double done = old + g.leg[i].hip_torque[n] * (across(i) - before[i]) * inverse_lever;
+        change += std::fabs(done) - std::fabs(old);
+        positive_change += larger(done, 0.0) - larger(old, 0.0);
+    }
+    work.hip[n] += change;
+    work.positive_hip[n] += positive_change;
 }
 
 // Tells if the position of this foot needs more than the one correction that it got.
@@ -196,15 +242,17 @@ ROMGRL_INLINE void recentre(Group& g) {
 
 }  // namespace
 
-ROMGRL_CLONES void native_step(const NativeConstants& constants, const Command& command, Group& group) {
+ROMGRL_CLONES void native_step(const NativeConstants& constants, const Command& command, Group& group,
+                               WorkLanes& work) {
     const NativeConstants c = constants;
     Scratch scratch;
+    WorkLanes done{};
     group.leg[0].ground_impulse = group.leg[1].ground_impulse = Lanes{};
     for (int substep = 0; substep < c.substeps; ++substep) {
-        for (int n = 0; n < kLanes; ++n) update_velocities(c, command, group, scratch, n);
+        for (int n = 0; n < kLanes; ++n) update_velocities(c, command, group, scratch, done, n);
         if (any(scratch.stopped)) {
             for (int n = 0; n < kLanes; ++n) {
-                if (scratch.stopped[n] > 0.0) solve_velocities(c, scratch, n, group);
+                if (scratch.stopped[n] > 0.0) stop(c, scratch, n, group, done);
             }
         }
         for (int n = 0; n < kLanes; ++n) update_positions(c, group, scratch, n);
@@ -215,6 +263,12 @@ ROMGRL_CLONES void native_step(const NativeConstants& constants, const Command& 
         }
     }
     recentre(group);
+    for (int n = 0; n < kLanes; ++n) {
+        work.hip[n] = 0.5 * c.dt * done.hip[n];
+        work.positive_hip[n] = 0.5 * c.dt * done.positive_hip[n];
+        work.retraction[n] = c.stiffness * done.retraction[n];
+        work.positive_retraction[n] = c.stiffness * done.positive_retraction[n];
+    }
 }
 
 ROMGRL_CLONES void native_view(const NativeConstants& c, const Group& group, View& view) {

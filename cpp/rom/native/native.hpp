@@ -46,6 +46,7 @@ struct LegScratch {
     Lanes free_vx, free_vy;  // of the foot after the forces, before contact
     Lanes free_y;  // of the foot before the correction of its position
     Lanes contact;  // 1: touched the ground at the start of the substep
+    Lanes hip_work;  // without the stops: J per half a substep's time
 };
 
 struct Scratch {
@@ -67,6 +68,11 @@ struct NativeConstants {
     int substeps, velocity_iterations, position_iterations;
 };
 
+// See Work. While a step lasts, the hips' is per half a substep's time, the retraction's per stiffness.
+struct WorkLanes {
+    Lanes hip, positive_hip, retraction, positive_retraction;
+};
+
 struct Command {
     Lanes torque[kLegs];  // N m
 };
@@ -85,7 +91,7 @@ void put_lane(const double* state, bool pinned, int lane, Group& group);
 void get_lane(const Group& group, int lane, double* state);
 
 // One control step of all lanes.
-void native_step(const NativeConstants& constants, const Command& command, Group& group);
+void native_step(const NativeConstants& constants, const Command& command, Group& group, WorkLanes& work);
 void native_view(const NativeConstants& constants, const Group& group, View& view);
 
 // Box2D's iterations for one lane, from the velocities after the forces, and from the positions after integration.

@@ -66,7 +66,8 @@ class NativeWorlds : public Worlds {
         // Lanes without a world start over at every step, lest they fall and keep the stops busy.
         for (int world = last(block); world < first(block) + kLanes; ++world) put(world, idle_.data());
         const Group before = group;
-        native_step(constants_, take_actions(block, actions), group);
+        WorkLanes work;
+        native_step(constants_, take_actions(block, actions), group, work);
         bool diverged[kLanes];
         for (int n = 0; n < kLanes; ++n) {
             diverged[n] = !sane(group, n);
@@ -78,7 +79,10 @@ class NativeWorlds : public Worlds {
         for (int world = first(block); world < last(block); ++world) {
             write(world, view, arrays.final_observation, arrays.features);
             write_contact(world, view, arrays.contact);
-            again |= finish(world, before, diverged[world - first(block)], arrays);
+            const int n = world - first(block);
+            const Work done{work.hip[n], work.positive_hip[n], work.retraction[n], work.positive_retraction[n]};
+            write_power(parameters_, diverged[n] ? Work{} : done, world, arrays);
+            again |= finish(world, before, diverged[n], arrays);
         }
         if (again) native_view(constants_, group, view);
         for (int world = first(block); world < last(block); ++world) {

@@ -43,13 +43,13 @@ def gait_rows(gaits: pd.DataFrame, speed: float) -> list[GaitRow]:
     columns = [str(name) for name in gaits.columns if name != "walker"]
     columns.insert(columns.index("stride_frequency_hz") + 1, "stride_length_m")
     numbers = [{**row, "stride_length_m": human_bands.stride_length(row)} for row in rows]
+    held = [human_bands.bands_for(row, speed) for row in numbers]
     found = []
     for name in columns:
         band = bands.get(name)
-        values = [float(row[name]) for row in numbers]
         said = [
-            Value(measured(name, value), None if band is None or math.isnan(value) else band.holds(value))
-            for value in values
+            Value(measured(name, value), None if math.isnan(value) or name not in own else own[name].holds(value))
+            for own, value in zip(held, (float(row[name]) for row in numbers), strict=True)
         ]
         text = " to ".join(measured(name, limit) for limit in (band.low, band.high)) if band else ""
         found.append(GaitRow(MEASURES[name].title, said, text, band.source if band else ""))

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from romgrl.artifacts import load_arrays
 from romgrl.config.schema import Config
 from romgrl.errors import ArtifactError
-from romgrl.gait.features import CHANNELS, episode_bounds
+from romgrl.gait.features import CHANNELS, POWERS, episode_bounds
 
 Arrays = dict[str, NDArray[Any]]
 WALKERS = ("student", "baseline")
@@ -35,9 +35,11 @@ def read_reference(directory: Path, config: Config, *, steps: int = 1) -> Arrays
     check_channels(path, arrays)
     check_number(path, arrays, "dt", 1.0 / config.humanoid.control_frequency)
     check_number(path, arrays, "speed", config.teacher.speed)
-    for name, kind, shape in (("velocity", np.float32, (length,)), ("contact", np.bool_, (length, 2))):
+    for name in ("velocity", *POWERS):
         if name in arrays:
-            require_array(path, arrays, name, kind, shape)
+            require_array(path, arrays, name, np.float32, (length,))
+    if "contact" in arrays:
+        require_array(path, arrays, "contact", np.bool_, (length, 2))
     longest = max((stop - start for start, stop in episode_bounds(arrays["episode"])), default=0) if length else 0
     if longest < steps:
         raise ArtifactError(f"{path}: the longest episode has {longest} steps; needed: {steps}")

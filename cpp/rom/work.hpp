@@ -1,0 +1,12 @@
+// What the actuators of a world do: the hip motors, and the retraction, which moves the rest length of the legs.
+#pragma once
+
+namespace romgrl {
+
+// Of one control step, in J. Springs, dampers and stops are no actuators.
+struct Work {
+    double hip = 0.0, positive_hip = 0.0;  // absolute values summed over legs and substeps, and the positive ones alone
+    double retraction = 0.0, positive_retraction = 0.0;
+};
+
+}  // namespace romgrl
