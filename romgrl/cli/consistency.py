@@ -67,6 +67,14 @@ def warmup(config: Config) -> Iterator[str]:
         yield refusal("reference.warmup_steps", config.reference.warmup_steps, f"at most {LONG_RUN}")
 
 
+def segment_within_rollout(config: Config) -> Iterator[str]:
+    """A segment lies within a rollout."""
+    teacher = config.teacher
+    if teacher.segment_steps is not None and teacher.segment_steps > teacher.rollout_steps:
+        permitted = f"at most teacher.rollout_steps = {teacher.rollout_steps}, or null"
+        yield refusal("teacher.segment_steps", teacher.segment_steps, permitted)
+
+
 def rollout(config: Config) -> Iterator[str]:
     """PPO's rollout has a spread of advantages, and holds a minibatch."""
     teacher = config.teacher
@@ -239,6 +247,7 @@ CHECKS: tuple[tuple[tuple[str, ...], Callable[[Config], Iterator[str]]], ...] = 
     (("reference.warmup_steps",), warmup),
     at_most("reference.episodes", "reference.steps"),
     (("teacher.num_envs", "teacher.rollout_steps", "teacher.minibatch_size"), rollout),
+    (("teacher.segment_steps", "teacher.rollout_steps"), segment_within_rollout),
     (REPLAY, replay_buffer),
     (("student.policy_updates", "student.simultaneous"), policy_updates),
     ((*REFERENCE, "evaluation.window"), scored_window),

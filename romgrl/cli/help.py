@@ -12,7 +12,7 @@ HELP = """romgrl: a humanoid learns to walk and run from a reduced-order model, 
   python -m romgrl stage=teacher                 one stage, with what it needs
   python -m romgrl -m speed=1,4 eta=0.3,0.5      a sweep; what jobs share is trained once
   python -m romgrl student=pretrained            walkers that ship, scored and drawn (about a minute)
-  python -m romgrl experiment=paper              the paper, taken literally (some 6 hours)
+  python -m romgrl experiment=paper              the paper, taken literally (hours)
   python -m romgrl --config-dir sweeps --config-name paper    a stored sweep (of the source)
 
 Keys:

@@ -38,17 +38,21 @@ class Teacher:
     max_gradient_norm: float = key("gradients are clipped to this norm", above=0, high=1e9)
     initial_log_std: float = key("log standard deviation of the first policy", low=-20, high=5)
     hidden_gain: float = key("gain of the orthogonal weights that hidden layers begin with", above=0, high=100)
-    policy_gain: float = key("the same of the policy's last layer; that of the values has 1", above=0, high=100)
+    policy_gain: float = key(
+        "gain of those that the policy's last layer begins with (the value network's: 1)", above=0, high=100
+    )
     adam_epsilon: float = key("what Adam adds to the root of its second moment", above=0, high=1)
     value_clip: float | None = key(
-        "how far an update may move a value, in the unit of the value network, before its loss ends; null: any way",
+        "how far an update may move a value, in the unit of the value network, before its loss ends; null: no limit",
         above=0,
         high=1e6,
     )
     normalize_observation: bool = key(
         "true: observations are standardised by their running mean and deviation, and cut off at 5 of them"
     )
-    normalize_return: bool = key("true: the value network gives returns standardised so")
+    normalize_return: bool = key(
+        "true: the value network gives returns standardised by their running mean and deviation, cut off at 5 of them"
+    )
     bootstrap_truncated: bool = key(
         "true: where time is up the value of the last observation stands for what would follow; false: nothing follows"
     )
@@ -139,12 +143,13 @@ class Student:
         "checks in a row"
     )
     adapt_eta: bool = key(
-        "true: eta falls at a check where a student that stays upright has another cadence than its teacher, and rises "
-        "where only its speed is wrong"
+        "true: from a third of the steps on eta follows the checks of a student that stays upright: up where it is too "
+        "slow, or speed and cadence are off together; down where the cadence or a speed that is too high is off alone; "
+        "not below a value that rises to 0.5"
     )
     kept_policy: str = key(
         "which check's policy is kept, reference: the one nearest to the reference at the right speed; task_reward: "
-        "that of the largest reward; last: the last one",
+        "that of the largest reward for its speed; last: the last one",
         choices=("reference", "task_reward", "last"),
     )
     posture_weight: float = key(

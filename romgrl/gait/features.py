@@ -60,7 +60,8 @@ class Gait:
 
     features (E, T, 5) m; valid (E, T): steps that belong to the episode, before any fall; fallen (E,); dt s;
     velocity (E, T) m/s forward; contact (E, T, 2) left and right foot on the ground; trunk_lean (E, T) rad, forward
-    positive; POWERS (E, T) W, power over the joints |torque x angular velocity|; loads. None: not recorded.
+    positive; POWERS (E, T) W, of actuators, absolute and positive, of all and of the
+    retraction alone; loads. None: not recorded.
     """
 
     features: Floats

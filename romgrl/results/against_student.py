@@ -15,7 +15,7 @@ from romgrl.report.numbers import UNKNOWN, significant
 from romgrl.report.style import CHANNEL_LABELS
 from romgrl.report.tables import markdown
 from romgrl.results.claims import TOO_FEW
-from romgrl.results.comparisons import holm, paired_p
+from romgrl.results.exact_tests import holm, paired_p
 from romgrl.results.seed_groups import held_out_or_all, seeds_told
 from romgrl.results.statistics import FEWEST_SEEDS, summarize
 from romgrl.results.sweep_cells import SEED_KEY, JobResult
@@ -23,7 +23,7 @@ from romgrl.results.sweep_record import Sweep
 from romgrl.results.text_table import mean_text
 
 FAIR, KEY = "fair", "comparison"  # the sweep, and what its jobs differ in
-STUDENT, WITHOUT_IMITATION = "student", "same_resets"
+STUDENT, WITHOUT_IMITATION = "student", "same_choice"
 NUMBERS_FILE = "against_student.csv"
 ROWS = {**CHANNEL_LABELS, AVERAGE: "mean"}
 
@@ -67,14 +67,21 @@ def shared_seeds(ours: Mapping[int, JobResult], theirs: Mapping[int, JobResult])
 def paired_table(
     student: Mapping[int, JobResult], other: Mapping[int, JobResult], name: str, seeds: Sequence[int]
 ) -> pd.DataFrame:
-    """One row per channel: the mean errors of both, their difference seed by seed, and exact p."""
+    """One row per channel: the mean errors of both where both have one, their difference seed by seed, and exact p.
+
+    A walker that falls too often has no error: how many of each are without stands in the table, and there is no p
+    where the student is one of them.
+    """
     rows, values = [], []
     for channel in (*CHANNELS, AVERAGE):
-        ours, theirs = (errors(jobs, channel, seeds) for jobs in (student, other))
-        values.append(paired_p([-value for value in ours], [-value for value in theirs]))
+        every = [errors(jobs, channel, seeds) for jobs in (student, other)]
+        without = [sum(map(math.isnan, each)) for each in every]
+        ours, theirs = both_known(*every)
+        values.append(math.nan if without[0] else paired_p([-value for value in ours], [-value for value in theirs]))
         difference = summarize(np.subtract(ours, theirs).tolist())
         row: dict[str, object] = {"channel": ROWS[channel], "student": text_of(ours), name: text_of(theirs)}
-        rows.append(row | {"student minus it": mean_text(difference), "pairs": len(difference.values)})
+        row |= {"student minus it": mean_text(difference), "pairs": len(ours)}
+        rows.append(row | {"without, student and it": f"{without[0]} and {without[1]}"})
     table = pd.DataFrame(rows)
     table["p, paired"] = [*map(significant, values)]
     table["p, Holm over channels"] = [*map(significant, holm(values[:-1])), UNKNOWN]
@@ -87,28 +94,36 @@ def errors(jobs: Mapping[int, JobResult], channel: str, seeds: Sequence[int]) ->
     return [jobs[seed].numbers.get(name, math.nan) for seed in seeds]
 
 
+def both_known(ours: Sequence[float], theirs: Sequence[float]) -> tuple[list[float], list[float]]:
+    """The pairs of which neither is nan."""
+    pairs = [pair for pair in zip(ours, theirs, strict=True) if math.isfinite(sum(pair))]
+    return [mine for mine, _ in pairs], [other for _, other in pairs]
+
+
 def text_of(values: Sequence[float]) -> str:
     """The mean with its interval or range."""
     return mean_text(summarize(values))
 
 
 def worth_of_imitation(walkers: Mapping[str, Mapping[int, JobResult]]) -> list[str]:
-    """A sentence: the student's error against that of a training without imitation; none where one is missing."""
+    """A sentence: the student's error against that of a training without imitation; none where one is missing, or the
+    student has none in a seed."""
     if not {STUDENT, WITHOUT_IMITATION} <= walkers.keys():
         return []
     seeds = shared_seeds(walkers[STUDENT], walkers[WITHOUT_IMITATION])
-    ours, theirs = (errors(walkers[name], AVERAGE, seeds) for name in (STUDENT, WITHOUT_IMITATION))
-    difference = summarize(np.subtract(ours, theirs).tolist())
-    pairs = len(difference.values)
-    if not pairs:
+    every = [errors(walkers[name], AVERAGE, seeds) for name in (STUDENT, WITHOUT_IMITATION)]
+    ours, theirs = both_known(*every)
+    pairs = len(ours)
+    if not pairs or any(map(math.isnan, every[0])):
         return []
+    difference = summarize(np.subtract(ours, theirs).tolist())
     p = paired_p([-value for value in ours], [-value for value in theirs])
-    both = [(mine, other) for mine, other in zip(ours, theirs, strict=True) if math.isfinite(mine - other)]
-    mine, other = (significant(float(np.mean(values))) for values in zip(*both, strict=True))
+    mine, other = (significant(float(np.mean(values))) for values in (ours, theirs))
     ends = "95 % interval in brackets" if pairs >= FEWEST_SEEDS else f"range in parentheses, {TOO_FEW}"
     return [
         f"What the imitation alone is worth: the student's error over variance is {mine}, that of {WITHOUT_IMITATION}, "
-        f"which has its resets and no imitation, {other}; difference by seed {mean_text(difference)} ({ends}), exact "
+        f"which has its resets, the same choice of the policy and no imitation, {other}; difference by seed "
+        f"{mean_text(difference)} ({ends}), exact "
         f"one-sided p = {significant(p)}, {pairs} pair{'s' if pairs > 1 else ''} of {seeds_told(seeds)}.",
         "",
     ]

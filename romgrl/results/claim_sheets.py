@@ -9,9 +9,9 @@ import numpy as np
 
 from romgrl.gait.features import ALIGNMENTS, CHANNELS
 from romgrl.report.numbers import significant
-from romgrl.results.claims import Finding, column
-from romgrl.results.comparisons import holm
+from romgrl.results.claims import OTHER_CADENCES, Finding, column
 from romgrl.results.evaluation_index import FinishedEvaluation
+from romgrl.results.exact_tests import holm
 from romgrl.results.statistics import summarize
 from romgrl.results.text_table import BRACKETS, Sheet, mean_text, with_interval
 
@@ -21,7 +21,7 @@ AVERAGE_ROW = "average"
 
 def claim_sheets(findings: Sequence[Finding], evaluations: Sequence[FinishedEvaluation]) -> list[Sheet]:
     """All of them; without those that have no rows."""
-    sheets = [claims_sheet(findings), comparisons_sheet(findings), alignments_sheet(findings, evaluations)]
+    sheets = [claims_sheet(findings), superiority_sheet(findings), alignments_sheet(findings, evaluations)]
     return [sheet for sheet in sheets if sheet.rows]
 
 
@@ -40,12 +40,13 @@ def claims_sheet(findings: Sequence[Finding]) -> Sheet:
     columns = ("claim", "by", "expected", "set", "found", "seeds", "judged by", "verdict")
     names = ("claim", "by", "set", "judged by", "verdict")
     title = f"Claims; {BRACKETS}; errors are aligned, the paper's probably not (it does not say)"
-    return Sheet(title, columns, rows, names)
+    return Sheet(title, columns, rows, names, file="claims")
 
 
-def comparisons_sheet(findings: Sequence[Finding]) -> Sheet:
+def superiority_sheet(findings: Sequence[Finding]) -> Sheet:
     """What is claimed to be better: exact p, paired also corrected for all of them, and probability of improvement."""
-    found = [(each, each.comparison) for each in findings if each.comparison is not None]
+    said = (each for each in findings if each.verdict != OTHER_CADENCES)
+    found = [(each, each.comparison) for each in said if each.comparison is not None]
     counted = [comparison.paired for _, comparison in found]
     rows = [
         (
@@ -61,7 +62,7 @@ def comparisons_sheet(findings: Sequence[Finding]) -> Sheet:
     columns = ("comparison", "p, paired", "p, Holm", "p, unpaired", "P(improvement)", "seeds")
     many = sum(map(math.isfinite, counted))
     title = f"Comparisons; exact one-sided p, Holm: the paired one corrected for {many}"
-    return Sheet(title, columns, rows, ("comparison",))
+    return Sheet(title, columns, rows, ("comparison",), file="comparisons")
 
 
 def alignments_sheet(findings: Sequence[Finding], evaluations: Sequence[FinishedEvaluation]) -> Sheet:
@@ -80,7 +81,7 @@ def alignments_sheet(findings: Sequence[Finding], evaluations: Sequence[Finished
     names = [alignment.replace("_", " ") for alignment in ALIGNMENTS]
     columns = ("claim", "expected", *(text for name in names for text in (name, f"{name}, teacher")))
     title = "The same by every alignment, mean over seeds; teacher: an episode of the reference against the others"
-    return Sheet(title, columns, rows, ("claim",))
+    return Sheet(title, columns, rows, ("claim",), file="alignments")
 
 
 def floors(evaluations: Sequence[FinishedEvaluation], channel: str, alignment: str, number: str) -> list[float]:

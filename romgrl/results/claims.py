@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import yaml
 
-from romgrl.results.comparisons import SIGNIFICANT, finite, paired_p, unpaired_p
 from romgrl.results.evaluation_index import CADENCE_OFF, FinishedEvaluation
+from romgrl.results.exact_tests import SIGNIFICANT, finite, paired_p, unpaired_p
 from romgrl.results.statistics import (
     FEWEST_SEEDS,
     Interval,
@@ -72,7 +72,7 @@ class Claim:
 
 
 @dataclass(frozen=True)
-class Comparison:
+class Superiority:
     """How surely one number is better than another over seeds.
 
     paired, unpaired: exact p; improvement: the probability of improvement, with its interval.
@@ -92,7 +92,7 @@ class Finding:
     values: tuple[float, ...]
     summary: Summary
     verdict: str
-    comparison: Comparison | None = None
+    comparison: Superiority | None = None
 
 
 def read_claims(path: Path = CLAIMS) -> list[Claim]:
@@ -127,12 +127,12 @@ def finding_of(claim: Claim, evaluations: Sequence[FinishedEvaluation]) -> Findi
     return Finding(claim, tuple(values), summary, verdict, comparison)
 
 
-def compare(ours: Sequence[float], theirs: Sequence[float], *, larger: bool) -> Comparison:
+def compare(ours: Sequence[float], theirs: Sequence[float], *, larger: bool) -> Superiority:
     """Tell how surely `ours` is better, larger or smaller; one number per seed of each, in the same order."""
     sign = 1.0 if larger else -1.0
     first, second = sign * np.asarray(ours, float), sign * np.asarray(theirs, float)
     samples = finite(first), finite(second)
-    return Comparison(
+    return Superiority(
         paired_p(first, second),
         unpaired_p(first, second),
         probability_of_improvement(*samples),

@@ -15,7 +15,7 @@ import pandas as pd
 from romgrl.artifacts import storage_faults, write_bytes
 from romgrl.errors import ArtifactError
 from romgrl.report.tables import markdown
-from romgrl.results.claim_sheets import alignments_sheet, claims_sheet, comparisons_sheet
+from romgrl.results.claim_sheets import claim_sheets
 from romgrl.results.claims import claims_for, finding_of, read_claims
 from romgrl.results.evaluation_index import FinishedEvaluation, codes
 from romgrl.results.seed_groups import by_group, seeds_told
@@ -28,7 +28,6 @@ PAPER = "paper"
 CLAIMED = (PAPER, "walking")  # the sweeps whose cells the claims are compared with
 PRIVATE = ("paths", "tracking")  # what of a command is about one machine
 TRAININGS = ("teacher", "student", "baseline")
-PARTS = ("claims", "comparisons", "alignments", "errors", "baseline")
 HEAD = """# Results
 
 All of it is written by `python -m romgrl.results outputs docs` from the artifacts of sweeps; the numbers are in
@@ -195,17 +194,11 @@ def claim_tables(evaluations: list[FinishedEvaluation], directory: Path, ending:
     """Claims, errors, spread of the baseline and warnings; each table as CSV, too, its name with this ending."""
     of = evaluations[0].settings
     findings = [finding_of(claim, evaluations) for claim in claims_for(of, read_claims())]
-    sheets = [
-        claims_sheet(findings),
-        comparisons_sheet(findings),
-        alignments_sheet(findings, evaluations),
-        errors_sheet(evaluations),
-        baseline_sheet(evaluations),
-    ]
+    sheets = [*claim_sheets(findings, evaluations), errors_sheet(evaluations), baseline_sheet(evaluations)]
     text = []
-    for part, sheet in zip(PARTS, sheets, strict=True):
+    for sheet in sheets:
         if sheet.rows:
-            name = f"{PAPER}_{part}_{of['speed']:g}_teacher_{of['teacher.speed']:g}{ending}.csv"
+            name = f"{PAPER}_{sheet.file}_{of['speed']:g}_teacher_{of['teacher.speed']:g}{ending}.csv"
             pd.DataFrame(sheet.rows, columns=list(sheet.columns)).to_csv(directory / name, index=False)
             text += [f"{sheet.title}:", "", sheet.markdown()]
     return [*text, *(f"- {line}" for line in warnings(evaluations)), ""]

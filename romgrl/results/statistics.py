@@ -2,7 +2,7 @@
 
 A sample holds one number per seed. Several samples are strata: each is resampled by itself, and the statistic is that
 of all resampled numbers together. Intervals are percentile intervals of scipy's bootstrap, of five seeds or more: one
-of two to four is little but their smallest and largest value. Which of two is better: romgrl/results/comparisons.py.
+of two to four is little but their smallest and largest value. Which of two is better: romgrl/results/exact_tests.py.
 """
 
 from __future__ import annotations

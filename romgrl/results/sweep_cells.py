@@ -34,16 +34,17 @@ SEED_KEY = "seed"
 ERROR_NUMBERS = [f"{channel}/aligned" for channel in (*CHANNELS, "average")] + ["average/one_episode", "average/raw"]
 BASELINE = "average/aligned/baseline"  # missing where too many of the baseline's episodes fell
 DISTANCE_NUMBERS = ["mmd/all", "wasserstein/all", "dtw/all"]
-SUMMARISED = ("student", "baseline", "teacher", TEACHER)
-NULLS = [walker for walker in SCORED if walker not in SUMMARISED[:2]]
+WALKED, COMPARED = ("student", "baseline"), ("student", "baseline", "teacher")
+SUMMARISED = (*COMPARED, TEACHER)
+NULLS = [walker for walker in SCORED if walker not in WALKED]
 NUMBERS = [
     *(f"{name}/reduction_percent" for name in ERROR_NUMBERS),
     "weakest/aligned/reduction_percent",
-    *(f"{name}/{walker}" for name in [*ERROR_NUMBERS, *DISTANCE_NUMBERS] for walker in (*SUMMARISED[:2], FLOOR)),
+    *(f"{name}/{walker}" for name in [*ERROR_NUMBERS, *DISTANCE_NUMBERS] for walker in (*WALKED, FLOOR)),
     *(f"{measure}/{AVERAGE}/{walker}" for measure in (OVER_VARIANCE, *REDUCTIONS.values()) for walker in NULLS),
     *(f"{measure}/{MEAN_ERROR}/{walker}" for measure in REDUCTIONS.values() for walker in ("student", *NULLS)),
     *(f"{name}/{walker}" for name in DISTANCE_NUMBERS for walker in NULLS),
-    *(f"{OVER_VARIANCE}/{channel}/{walker}" for channel in CHANNELS for walker in SUMMARISED[:3]),
+    *(f"{OVER_VARIANCE}/{channel}/{walker}" for channel in CHANNELS for walker in COMPARED),
     *(f"{walker}/{name}" for walker in SUMMARISED for name in (*SWEPT, TOUCHDOWNS)),
     "student/stride_frequency_deviation_percent",
 ]

@@ -17,12 +17,13 @@ BRACKETS = "[ ] the 95 % interval over seeds, ( ) the smallest and largest of fe
 
 @dataclass(frozen=True)
 class Sheet:
-    """Rows of texts; `names`: the columns of words, the others are numbers and stand to the right."""
+    """Rows of texts; `names`: the columns of words, the others are numbers and stand to the right; `file`: its CSV."""
 
     title: str
     columns: tuple[str, ...]
     rows: Sequence[Sequence[str]]
     names: tuple[str, ...]
+    file: str = ""
 
     def rich(self) -> Table:
         """For a terminal."""

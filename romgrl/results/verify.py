@@ -99,7 +99,7 @@ def errors_sheet(evaluations: Sequence[FinishedEvaluation]) -> Sheet:
             rows.append(row)
     columns = ("channel", "baseline", "ROM-GRL", "teacher", "reduction %", "IQM of it %", "P(improvement)")
     title = f"Error against the reference, mean over seeds (m²); {BRACKETS}; exact one-sided p, uncorrected"
-    return Sheet(title, (*columns, "p, paired", "p, unpaired"), rows, ("channel",))
+    return Sheet(title, (*columns, "p, paired", "p, unpaired"), rows, ("channel",), file="errors")
 
 
 def baseline_sheet(evaluations: Sequence[FinishedEvaluation]) -> Sheet:
@@ -110,7 +110,7 @@ def baseline_sheet(evaluations: Sequence[FinishedEvaluation]) -> Sheet:
         numbers = (summary.mean, summary.deviation, summary.variation, summary.smallest, summary.largest)
         rows.append((channel, *map(significant, numbers)))
     columns = ("channel", "mean", "deviation", "variation", "smallest", "largest")
-    return Sheet("Baseline's aligned error over seeds (m²)", columns, rows, ("channel",))
+    return Sheet("Baseline's aligned error over seeds (m²)", columns, rows, ("channel",), file="baseline")
 
 
 def warnings(evaluations: Sequence[FinishedEvaluation]) -> list[str]:

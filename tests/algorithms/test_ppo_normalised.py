@@ -11,7 +11,7 @@ import torch
 
 from romgrl.algorithms.networks.running_normalizer import RunningNormalizer
 from romgrl.algorithms.ppo import PPO, Minibatch
-from romgrl.algorithms.ppo_policy import LIMIT, MOMENTS, PPOPolicy, load_ppo_policy, save_ppo_policy
+from romgrl.algorithms.ppo_policy import LIMIT, OBSERVATION_MOMENTS, PPOPolicy, load_ppo_policy, save_ppo_policy
 from romgrl.algorithms.rollout_buffer import Rollout, compute_gae
 from romgrl.artifacts import load_tensors, save_tensors
 from romgrl.errors import ArtifactError
@@ -159,13 +159,13 @@ def test_the_normaliser_is_part_of_the_file(tmp_path: Path) -> None:
     expected = network.forward(limited, network.tape(40))[0].clamp(-1.0, 1.0).numpy()
     np.testing.assert_array_equal(load_ppo_policy(path)(observation), expected)
     tensors, metadata = load_tensors(path)
-    assert set(MOMENTS) <= tensors.keys()
-    del tensors[MOMENTS[1]]
+    assert set(OBSERVATION_MOMENTS) <= tensors.keys()
+    del tensors[OBSERVATION_MOMENTS[1]]
     save_tensors(path, tensors, metadata)
     with pytest.raises(ArtifactError, match="no tensor observation_scale"):
         load_ppo_policy(path)
     save_ppo_policy(path, make_ppo())
-    assert set(MOMENTS).isdisjoint(load_tensors(path)[0])
+    assert set(OBSERVATION_MOMENTS).isdisjoint(load_tensors(path)[0])
 
 
 @pytest.mark.parametrize("normalised", [False, True])

@@ -162,6 +162,7 @@ REFUSED = {
     "student.batch_size=9999999": "student.batch_size: 9999999 is not allowed; allowed: at most student.buffer_size",
     "evaluation.window=400": "evaluation.window: 400 is not allowed; allowed: at most evaluation.steps = ",
     "teacher.minibatch_size=99999": "teacher.minibatch_size: 99999 is not allowed; allowed: at most teacher.num",
+    "teacher.segment_steps=64": "teacher.segment_steps: 64 is not allowed; allowed: at most teacher.rollout_steps = 32",
     "humanoid.xml=/none.xml": "humanoid.xml: /none.xml is not allowed; allowed: a MuJoCo file that exists",
     "paths.outputs=/etc/hostname/x": "paths.outputs: /etc/hostname/x is not allowed; allowed: a directory that can be",
     "humanoid=humenv": "humanoid.xml: has no value; give it as humanoid.xml=...",

@@ -168,7 +168,7 @@ EDITED = {
     "report/page/scene.py": {"report"},
     "report/terminal_tables.py": set(),
     "results/statistics.py": set(),
-    "results/comparisons.py": set(),
+    "results/exact_tests.py": set(),
     "results/seed_groups.py": set(),
     "pipeline/run.py": set(),
     "pipeline/worker.py": set(STAGES),

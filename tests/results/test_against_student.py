@@ -53,28 +53,30 @@ def said(found: list[JobResult], directory: Path, name: str = "fair") -> str:
 
 
 def test_a_table_for_each_walker_and_what_imitation_is_worth(tmp_path: Path) -> None:
-    found = jobs("student", STUDENTS) + jobs("same_resets", RESETS) + jobs("no_trunk", NEARER)
+    found = jobs("student", STUDENTS) + jobs("same_choice", RESETS) + jobs("no_trunk", NEARER)
     text = said(found, tmp_path)
     assert text.count("### student and ") == 2
     assert "Error over variance, seeds 0, 1, 2, 3, 4 (chose the settings); p: that the student's is smaller:\n" in text
     tables = pd.read_csv(tmp_path / "against_student.csv").set_index(["comparison", "channel"])
-    resets = tables.loc["same_resets"]
+    resets = tables.loc["same_choice"]
     assert resets["p, paired"].tolist() == [0.0312] * 6  # 1 of 32 sign patterns
     assert resets["p, Holm over channels"].tolist() == ["0.156"] * 5 + ["-"]  # 5 / 32
-    assert resets.loc["pelvis height", "same_resets"].startswith("16 [")
+    assert resets.loc["pelvis height", "same_choice"].startswith("16 [")
     assert resets.loc["mean", "student minus it"].startswith("-1.4 [-1.")
     # their minus our errors: -1 1 -1 1 -1 tenths, a sum that all but the 6 patterns with at most one plus reach
     assert tables.loc[("no_trunk", "mean"), "p, paired"] == pytest.approx(26 / 32, abs=1e-3)
     sentence = text.splitlines()[-1]
     start = (
-        "What the imitation alone is worth: the student's error over variance is 0.2, that of same_resets, which has"
+        "What the imitation alone is worth: the student's error over variance is 0.2, that of same_choice, which has"
     )
-    assert sentence.startswith(f"{start} its resets and no imitation, 1.6; difference by seed -1.4 [-1.")
+    assert sentence.startswith(
+        f"{start} its resets, the same choice of the policy and no imitation, 1.6; difference by seed -1.4 [-1."
+    )
     assert "exact one-sided p = 0.0312, 5 pairs of seeds 0, 1, 2, 3, 4 (chose the settings)." in sentence
 
 
 def test_held_out_seeds_alone_and_no_verdict_of_few(tmp_path: Path) -> None:
-    found = jobs("student", [9.0, 9.0, 0.1, 0.2], first=3) + jobs("same_resets", [1.0, 1.0, 1.1, 1.4], first=3)
+    found = jobs("student", [9.0, 9.0, 0.1, 0.2], first=3) + jobs("same_choice", [1.0, 1.0, 1.1, 1.4], first=3)
     text = said(found, tmp_path)
     assert "student's error over variance is 0.15, " in text
     assert "difference by seed -1.1 (-1.2 to -1) (range in parentheses, too few seeds)" in text
@@ -85,16 +87,28 @@ def test_no_sentence_where_one_is_missing(tmp_path: Path) -> None:
     text = said(jobs("student", STUDENTS) + jobs("no_trunk", NEARER), tmp_path)
     assert "student and no_trunk" in text
     assert "worth" not in text
-    assert said(jobs("same_resets", RESETS) + jobs("no_trunk", NEARER), tmp_path) == ""
+    assert said(jobs("same_choice", RESETS) + jobs("no_trunk", NEARER), tmp_path) == ""
     assert said(jobs("student", STUDENTS), tmp_path) == ""
-    assert said(jobs("student", STUDENTS) + jobs("same_resets", RESETS), tmp_path, name="eta") == ""
-    assert "worth" not in said(jobs("student", STUDENTS) + jobs("same_resets", [math.nan] * 5), tmp_path)
+    assert said(jobs("student", STUDENTS) + jobs("same_choice", RESETS), tmp_path, name="eta") == ""
+    assert "worth" not in said(jobs("student", STUDENTS) + jobs("same_choice", [math.nan] * 5), tmp_path)
+
+
+def test_a_walker_without_an_error_does_not_drop_out_silently(tmp_path: Path) -> None:
+    """Means of common seeds, how many are without, and neither p nor sentence where the student is one of them."""
+    lost = [math.nan, *STUDENTS[1:]]
+    text = said(jobs("student", lost) + jobs("same_choice", RESETS), tmp_path)
+    row = pd.read_csv(tmp_path / "against_student.csv").set_index("channel").loc["mean"]
+    assert (row["without, student and it"], row["pairs"], row["p, paired"]) == ("1 and 0", 4, "-")
+    assert row["same_choice"].startswith("1.72 (1.4 to 2)")
+    assert "worth" not in text
+    text = said(jobs("student", STUDENTS) + jobs("same_choice", [math.nan, *RESETS[1:]]), tmp_path)
+    assert "p = 0.0625, 4 pairs" in text
 
 
 def test_other_swept_keys_stand_apart(tmp_path: Path) -> None:
-    walk = [*jobs("default", STUDENTS, speed="1"), *jobs("same_resets", STUDENTS, speed="1")]
-    run = [*jobs("default", STUDENTS, speed="4"), *jobs("same_resets", RESETS, speed="4")]
+    walk = [*jobs("default", STUDENTS, speed="1"), *jobs("same_choice", STUDENTS, speed="1")]
+    run = [*jobs("default", STUDENTS, speed="4"), *jobs("same_choice", RESETS, speed="4")]
     text = said([*walk, *run], tmp_path)
-    assert "### student and same_resets, speed=1\n" in text
-    assert "### student and same_resets, speed=4\n" in text
+    assert "### student and same_choice, speed=1\n" in text
+    assert "### student and same_choice, speed=4\n" in text
     assert text.count("What the imitation alone is worth") == 2

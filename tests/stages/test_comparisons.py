@@ -26,11 +26,11 @@ CHANGED = {
     "last_policy": {"student.kept_policy": "last"},
     "no_resets": {"student.reference_resets": 0.0},
     "no_trunk": {"discriminator.features": "paper"},
-    "same_judge": {"eta": 1.0, "student.adapt_eta": False},
-    "same_resets": {"eta": 1.0, "student.adapt_eta": False, "student.end_early": False},
+    "same_choice": {"eta": 1.0},
+    "same_resets": {"eta": 1.0, "student.end_early": False},
     "sinusoid": {"discriminator.reference": "sinusoid"},
     "student": {},
-    "upright": {"eta": 1.0, "student.adapt_eta": False, "student.end_early": False, "student.posture_weight": 0.25},
+    "upright": {"eta": 1.0, "student.end_early": False, "student.posture_weight": 0.25},
 }
 CHANGED["same_resets"] |= {"student.kept_policy": "task_reward"}
 CHANGED["upright"] |= {"student.kept_policy": "task_reward"}
@@ -75,7 +75,7 @@ def test_nothing_is_imitated_where_imitation_has_no_weight(compose_config: Compo
     """No discriminator is trained, but episodes begin in the reference and checks compare with it."""
     directory = write_reference(tmp_path / "reference")
     small = ("experiment=smoke", "student.total_steps=600", "student.check_steps=300", "student.reference_resets=1")
-    config = compose_config(*small, "comparison=same_judge")
+    config = compose_config(*small, "comparison=same_choice")
     assert build_discriminator(config, student.window_layout(config), directory) is None
     student.run(config, {"reference": directory}, tmp_path, SilentLog())
     checks = pd.read_csv(tmp_path / "checks.csv")

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.stats import permutation_test
 
-from romgrl.results import comparisons
-from romgrl.results.comparisons import holm, paired_p, unpaired_p
+from romgrl.results import exact_tests
+from romgrl.results.exact_tests import holm, paired_p, unpaired_p
 
 
 @pytest.mark.parametrize(
@@ -69,8 +69,8 @@ def test_scipys_exact_tests_say_the_same(seed: int) -> None:
 def test_too_many_to_count_are_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
     ours, theirs = [1.0, 3.0, 2.0, 5.0, 2.5], [0.5, 3.5, 1.0, 1.0, 2.0]
     counted = paired_p(ours, theirs), unpaired_p(ours, theirs)
-    monkeypatch.setattr(comparisons, "EXACT", 16)
-    monkeypatch.setattr(comparisons, "DRAWN", 31)  # fewer than the 32 and 252 that scipy could count
+    monkeypatch.setattr(exact_tests, "EXACT", 16)
+    monkeypatch.setattr(exact_tests, "DRAWN", 31)  # fewer than the 32 and 252 that scipy could count
     drawn = paired_p(ours, theirs), unpaired_p(ours, theirs)
     assert drawn != counted
     assert drawn == pytest.approx(counted, abs=0.25)  # 2.5 standard errors of 31 draws and more
