@@ -7,7 +7,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Iterator
+from functools import cache
 from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+from omegaconf import OmegaConf
 
 from romgrl.cli.locations import is_file, is_readable, outputs_directory, tracking_store
 from romgrl.config.learners import CRITICS, LONG_RUN
@@ -16,6 +21,7 @@ from romgrl.config.values import bad_value, fits, keys_of, refusal, schema_keys,
 from romgrl.config.worlds import SKELETONS
 from romgrl.errors import ArtifactError, ConfigurationError
 
+PLAIN = "student"  # what `comparison` is called where nothing stands in the student's place
 FEWEST_ROWS = 4  # of the replay buffer, which keeps two of them free
 
 
@@ -97,6 +103,29 @@ def replay_buffer(config: Config) -> Iterator[str]:
     if first_update < 2:
         permitted = f"more than student.num_envs = {student.num_envs}, so that there is something to learn from"
         yield refusal("student.learning_starts", student.learning_starts, permitted)
+
+
+def comparison(config: Config) -> Iterator[str]:
+    """What stands in the student's place is what its preset says, and trained: it has the name in every table."""
+    name = config.comparison
+    if name != PLAIN and config.student.pretrained:
+        yield refusal("comparison", name, f"{PLAIN} with student.pretrained=true")
+    elif name != PLAIN and config.stage == "verify":
+        yield refusal("comparison", name, f"{PLAIN} with stage=verify: the paper claims nothing of others")
+    else:
+        for key, value in preset_values(name).items():
+            if value_of(config, key) != value:
+                yield refusal(key, value_of(config, key), f"{show(value)} with comparison={name}")
+
+
+@cache
+def preset_values(name: str) -> dict[str, Any]:
+    """The keys that a comparison of ours sets, with their values; none of a user's own."""
+    from romgrl.cli.compose import CONF
+
+    path = CONF / "comparison" / f"{name}.yaml"
+    values = OmegaConf.load(path) if Path(name).name == name and path.is_file() else OmegaConf.create()
+    return {key: OmegaConf.select(values, key) for key in schema_keys() if OmegaConf.select(values, key) is not None}
 
 
 def policy_updates(config: Config) -> Iterator[str]:
@@ -234,6 +263,7 @@ REPLAY = ("student.buffer_size", "student.num_envs", "student.learning_starts", 
 REFERENCE = ("reference.steps", "reference.episodes")
 DISCRIMINATOR_WINDOW = ("discriminator.features", "discriminator.window", "discriminator.stride")
 DISCRIMINATOR = ("discriminator.enabled", *DISCRIMINATOR_WINDOW, "discriminator.held_out", "student.mirror")
+COMPARED = ("comparison", "stage", "student.pretrained", "eta")
 CRITIC = ("discriminator.enabled", "discriminator.loss", "discriminator.gradient_penalty")
 ROM = tuple(key for key in schema_keys() if key.startswith(("rom.", "humanoid.")))
 UNUSED_BY_SHIPPED = ("student.", "discriminator.", "reference.", "evaluation.", "robustness.", "tracking.", "paths.")
@@ -250,6 +280,7 @@ CHECKS: tuple[tuple[tuple[str, ...], Callable[[Config], Iterator[str]]], ...] = 
     (("teacher.segment_steps", "teacher.rollout_steps"), segment_within_rollout),
     (REPLAY, replay_buffer),
     (("student.policy_updates", "student.simultaneous"), policy_updates),
+    (COMPARED, comparison),
     ((*REFERENCE, "evaluation.window"), scored_window),
     ((*REFERENCE, *DISCRIMINATOR), discriminator_windows),
     (CRITIC, critic),

@@ -97,6 +97,8 @@ def against(
     places = dict(zip(values, map(float, values) if numeric(cells[key]) else range(len(values)), strict=True))
     found = list(dict.fromkeys(cells[others].itertuples(index=False, name=None)))
     lines: list[Keys] = found if len(found) <= MOST_LINES else [()]
+    for spare in plots[len(panels) :]:
+        spare.set_visible(False)
     for axes, (label, measures) in zip(plots, panels.items(), strict=False):
         dress(axes, title=label, xlabel=key)
         for (who, measure), (index, line) in product(measures.items(), enumerate(lines)):

@@ -157,11 +157,9 @@ class TerminalLog:
             self._bars.update(self._task, completed=step, total=total, speed=speed, numbers=shown)
         elif now - self._last_plain >= PLAIN_INTERVAL:
             self._last_plain = now
-            left = format_duration((total - step) / rate) if rate > 0 else "?"
+            pace = f", {rate:,.0f} steps/s, {format_duration((total - step) / rate)} left" if rate > 0 else ""
             shown = "".join(f", {name} {value:.3g}" for name, value in numbers.items())
-            self._console.print(
-                f"{self._stage}: {step:,}/{total:,}, {rate:,.0f} steps/s, {left} left{shown}", soft_wrap=True
-            )
+            self._console.print(f"{self._stage}: {step:,}/{total:,}{pace}{shown}", soft_wrap=True)
 
     def metrics(self, values: Mapping[str, float], step: int) -> None:
         row = {name: float(value) for name, value in values.items()}

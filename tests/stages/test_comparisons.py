@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 
 from romgrl.artifacts import save_arrays
+from romgrl.cli.arguments import faults
 from romgrl.cli.compose import CONF
 from romgrl.errors import ArtifactError
 from romgrl.gait.features import gait_from_reference
@@ -81,3 +82,17 @@ def test_nothing_is_imitated_where_imitation_has_no_weight(compose_config: Compo
     checks = pd.read_csv(tmp_path / "checks.csv")
     assert "error_over_variance" in checks
     assert (checks.eta == 1).all()
+
+
+@pytest.mark.parametrize(
+    ("overrides", "line"),
+    [
+        (["comparison=same_resets", "eta=0.5"], "eta: 0.5 is not allowed; allowed: 1.0 with comparison=same_resets"),
+        (["comparison=no_trunk", "discriminator.features=trunk"], "discriminator.features: trunk is not allowed; "),
+        (["comparison=sinusoid", "student=pretrained"], "comparison: sinusoid is not allowed; allowed: student with "),
+        (["comparison=upright", "stage=verify"], "comparison: upright is not allowed; allowed: student with stage="),
+    ],
+)
+def test_a_comparison_is_what_its_name_says(overrides: list[str], line: str) -> None:
+    (found,) = faults(overrides)
+    assert found.startswith(line)
