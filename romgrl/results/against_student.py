@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,13 +12,13 @@ import pandas as pd
 
 from romgrl.gait.features import CHANNELS
 from romgrl.gait.null_models import AVERAGE, OVER_VARIANCE
-from romgrl.report.numbers import UNKNOWN, significant
+from romgrl.report.numbers import significant
 from romgrl.report.style import CHANNEL_LABELS
 from romgrl.report.tables import markdown
 from romgrl.results.claims import TOO_FEW
 from romgrl.results.exact_tests import holm, paired_p
 from romgrl.results.seed_groups import held_out_or_all, seeds_told
-from romgrl.results.statistics import FEWEST_SEEDS, summarize
+from romgrl.results.statistics import FEWEST_SEEDS, Summary, summarize
 from romgrl.results.sweep_cells import SEED_KEY, JobResult
 from romgrl.results.sweep_record import Sweep
 from romgrl.results.text_table import mean_text
@@ -28,22 +29,41 @@ NUMBERS_FILE = "against_student.csv"
 ROWS = {**CHANNEL_LABELS, AVERAGE: "mean"}
 
 
+@dataclass(frozen=True)
+class PairedErrors:
+    """Errors over variance of the student and of what stands in its place, of the seeds in which both have one.
+
+    without: how many seeds the student and the other have no error in, because too many of their episodes fell.
+    """
+
+    channel: str
+    student: Summary
+    walker: Summary
+    difference: Summary
+    without: tuple[int, int]
+    p: float
+    p_holm: float = math.nan
+
+
 def write_against_student(sweep: Sweep, found: Sequence[JobResult], directory: Path) -> list[str]:
     """Write against_student.csv; returns a table for each walker, and what imitation alone is worth if it is known."""
-    text, tables = [], []
+    text, rows = [], []
     for other, walkers in by_walker(found).items() if sweep.name == FAIR else ():
         heading = f", {other}" if other else ""
         student = walkers.get(STUDENT, {})
         for name, jobs in walkers.items():
             seeds = [] if name == STUDENT else shared_seeds(student, jobs)
             if seeds:
-                table = paired_table(student, jobs, name, seeds)
-                tables.append(table.assign(comparison=name, seeds=" ".join(map(str, seeds)), other=other))
+                pairs = paired_errors(student, jobs, seeds)
+                rows += [
+                    {KEY: name, "other": other, **numbers_of(pair), "seeds": " ".join(map(str, seeds))}
+                    for pair in pairs
+                ]
                 said = f"Error over variance, {seeds_told(seeds)}; p: that the student's is smaller"
-                text += [f"### student and {name}{heading}", "", f"{said}:", "", markdown(table)]
+                text += [f"### student and {name}{heading}", "", f"{said}:", "", markdown(shown_pairs(pairs, name))]
         text += worth_of_imitation(walkers)
-    if tables:
-        pd.concat(tables).to_csv(directory / NUMBERS_FILE, index=False)
+    if rows:
+        pd.DataFrame(rows).to_csv(directory / NUMBERS_FILE, index=False)
     return text
 
 
@@ -64,28 +84,55 @@ def shared_seeds(ours: Mapping[int, JobResult], theirs: Mapping[int, JobResult])
     return held_out_or_all(sorted(ours.keys() & theirs.keys()), lambda seed: seed)
 
 
-def paired_table(
-    student: Mapping[int, JobResult], other: Mapping[int, JobResult], name: str, seeds: Sequence[int]
-) -> pd.DataFrame:
-    """One row per channel: the mean errors of both where both have one, their difference seed by seed, and exact p.
-
-    A walker that falls too often has no error: how many of each are without stands in the table, and there is no p
-    where the student is one of them.
-    """
-    rows, values = [], []
+def paired_errors(
+    student: Mapping[int, JobResult], other: Mapping[int, JobResult], seeds: Sequence[int]
+) -> list[PairedErrors]:
+    """Channel by channel, and their mean; no p where the student lacks an error in a seed."""
+    pairs = []
     for channel in (*CHANNELS, AVERAGE):
         every = [errors(jobs, channel, seeds) for jobs in (student, other)]
-        without = [sum(map(math.isnan, each)) for each in every]
+        without = tuple(sum(map(math.isnan, each)) for each in every)
         ours, theirs = both_known(*every)
-        values.append(math.nan if without[0] else paired_p([-value for value in ours], [-value for value in theirs]))
-        difference = summarize(np.subtract(ours, theirs).tolist())
-        row: dict[str, object] = {"channel": ROWS[channel], "student": text_of(ours), name: text_of(theirs)}
-        row |= {"student minus it": mean_text(difference), "pairs": len(ours)}
-        rows.append(row | {"without, student and it": f"{without[0]} and {without[1]}"})
-    table = pd.DataFrame(rows)
-    table["p, paired"] = [*map(significant, values)]
-    table["p, Holm over channels"] = [*map(significant, holm(values[:-1])), UNKNOWN]
-    return table
+        p = math.nan if without[0] else paired_p([-value for value in ours], [-value for value in theirs])
+        summaries = map(summarize, (ours, theirs, np.subtract(ours, theirs).tolist()))
+        pairs.append(PairedErrors(channel, *summaries, without=(without[0], without[1]), p=p))
+    corrected = holm([pair.p for pair in pairs[:-1]])
+    return [replace(pair, p_holm=p) for pair, p in zip(pairs, [*corrected, math.nan], strict=True)]
+
+
+def numbers_of(pair: PairedErrors) -> dict[str, object]:
+    """A row of against_student.csv, empty where a number is not known."""
+    ends = pair.difference.mean_interval
+    return {
+        "channel": pair.channel,
+        "student": pair.student.mean,
+        "walker": pair.walker.mean,
+        "difference": pair.difference.mean,
+        "low": ends.low,
+        "high": ends.high,
+        "pairs": len(pair.difference.values),
+        "student_without": pair.without[0],
+        "walker_without": pair.without[1],
+        "p_paired": pair.p,
+        "p_holm": pair.p_holm,
+    }
+
+
+def shown_pairs(pairs: Sequence[PairedErrors], name: str) -> pd.DataFrame:
+    """The same to be read."""
+    return pd.DataFrame(
+        {
+            "channel": ROWS[pair.channel],
+            "student": mean_text(pair.student),
+            name: mean_text(pair.walker),
+            "student minus it": mean_text(pair.difference),
+            "pairs": len(pair.difference.values),
+            "without, student and it": f"{pair.without[0]} and {pair.without[1]}",
+            "p, paired": significant(pair.p),
+            "p, Holm over channels": significant(pair.p_holm),
+        }
+        for pair in pairs
+    )
 
 
 def errors(jobs: Mapping[int, JobResult], channel: str, seeds: Sequence[int]) -> list[float]:
@@ -98,11 +145,6 @@ def both_known(ours: Sequence[float], theirs: Sequence[float]) -> tuple[list[flo
     """The pairs of which neither is nan."""
     pairs = [pair for pair in zip(ours, theirs, strict=True) if math.isfinite(sum(pair))]
     return [mine for mine, _ in pairs], [other for _, other in pairs]
-
-
-def text_of(values: Sequence[float]) -> str:
-    """The mean with its interval or range."""
-    return mean_text(summarize(values))
 
 
 def worth_of_imitation(walkers: Mapping[str, Mapping[int, JobResult]]) -> list[str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
 
@@ -59,12 +60,16 @@ def test_a_table_for_each_walker_and_what_imitation_is_worth(tmp_path: Path) -> 
     assert "Error over variance, seeds 0, 1, 2, 3, 4 (chose the settings); p: that the student's is smaller:\n" in text
     tables = pd.read_csv(tmp_path / "against_student.csv").set_index(["comparison", "channel"])
     resets = tables.loc["same_choice"]
-    assert resets["p, paired"].tolist() == [0.0312] * 6  # 1 of 32 sign patterns
-    assert resets["p, Holm over channels"].tolist() == ["0.156"] * 5 + ["-"]  # 5 / 32
-    assert resets.loc["pelvis height", "same_choice"].startswith("16 [")
-    assert resets.loc["mean", "student minus it"].startswith("-1.4 [-1.")
+    assert resets.p_paired.tolist() == [1 / 32] * 6  # 1 of 32 sign patterns
+    assert resets.p_holm.tolist()[:5] == [5 / 32] * 5
+    assert math.isnan(resets.p_holm.average)
+    assert resets.walker.pelvis_y == pytest.approx(16)
+    assert resets.difference.average == pytest.approx(-1.4)
+    assert resets.low.average < -1.4 < resets.high.average
+    assert "| pelvis height | 2 [" in text
+    assert "| 0 and 0 | 0.0312 | 0.156 |" in text
     # their minus our errors: -1 1 -1 1 -1 tenths, a sum that all but the 6 patterns with at most one plus reach
-    assert tables.loc[("no_trunk", "mean"), "p, paired"] == pytest.approx(26 / 32, abs=1e-3)
+    assert tables.p_paired[("no_trunk", "average")] == pytest.approx(26 / 32, abs=1e-3)
     sentence = text.splitlines()[-1]
     start = (
         "What the imitation alone is worth: the student's error over variance is 0.2, that of same_choice, which has"
@@ -97,9 +102,10 @@ def test_a_walker_without_an_error_does_not_drop_out_silently(tmp_path: Path) ->
     """Means of common seeds, how many are without, and neither p nor sentence where the student is one of them."""
     lost = [math.nan, *STUDENTS[1:]]
     text = said(jobs("student", lost) + jobs("same_choice", RESETS), tmp_path)
-    row = pd.read_csv(tmp_path / "against_student.csv").set_index("channel").loc["mean"]
-    assert (row["without, student and it"], row["pairs"], row["p, paired"]) == ("1 and 0", 4, "-")
-    assert row["same_choice"].startswith("1.72 (1.4 to 2)")
+    row = pd.read_csv(tmp_path / "against_student.csv").set_index("channel").loc["average"]
+    assert (row.student_without, row.walker_without, row.pairs) == (1, 0, 4)
+    assert math.isnan(row.p_paired)
+    assert row.walker == pytest.approx(np.mean(RESETS[1:]))
     assert "worth" not in text
     text = said(jobs("student", STUDENTS) + jobs("same_choice", [math.nan, *RESETS[1:]]), tmp_path)
     assert "p = 0.0625, 4 pairs" in text
