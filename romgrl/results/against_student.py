@@ -91,11 +91,11 @@ def paired_errors(
     pairs = []
     for channel in (*CHANNELS, AVERAGE):
         every = [errors(jobs, channel, seeds) for jobs in (student, other)]
-        without = tuple(sum(map(math.isnan, each)) for each in every)
+        without = sum(map(math.isnan, every[0])), sum(map(math.isnan, every[1]))
         ours, theirs = both_known(*every)
         p = math.nan if without[0] else paired_p([-value for value in ours], [-value for value in theirs])
-        summaries = map(summarize, (ours, theirs, np.subtract(ours, theirs).tolist()))
-        pairs.append(PairedErrors(channel, *summaries, without=(without[0], without[1]), p=p))
+        difference = summarize(np.subtract(ours, theirs).tolist())
+        pairs.append(PairedErrors(channel, summarize(ours), summarize(theirs), difference, without, p))
     corrected = holm([pair.p for pair in pairs[:-1]])
     return [replace(pair, p_holm=p) for pair, p in zip(pairs, [*corrected, math.nan], strict=True)]
 
