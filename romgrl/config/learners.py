@@ -41,7 +41,7 @@ class Teacher:
     policy_gain: float = key(
         "gain of those that the policy's last layer begins with (the value network's: 1)", above=0, high=100
     )
-    adam_epsilon: float = key("what Adam adds to the root of its second moment", above=0, high=1)
+    adam_epsilon: float = key("what Adam adds to the root of its second moment", low=1e-12, high=1)
     value_clip: float | None = key(
         "how far an update may move a value, in the unit of the value network, before its loss ends; null: no limit",
         above=0,

@@ -67,8 +67,13 @@ def read_evaluation(directory: Path, known: Catalogue) -> FinishedEvaluation:
     """Verify an evaluation and read its numbers. Raises ArtifactError."""
     manifest = open_artifact(directory, stage="evaluation")
     numbers, lineage = result_metrics(directory), trace(manifest, known)
+    for stage, manifests in lineage.items():
+        if not manifests:
+            raise ArtifactError(f"{directory}: its {stage} is not there any more")
     for teacher in lineage.get("teacher", [])[:1]:
-        own = result_metrics(directory.parent.with_name("teacher") / teacher.key)
+        place = directory.parent.with_name("teacher") / teacher.key
+        open_artifact(place, stage="teacher")
+        own = result_metrics(place)
         numbers |= {f"{TEACHER}/{name.partition('/')[2]}": value for name, value in own.items()}
     numbers |= errors_by_channel(directory)
     return FinishedEvaluation(directory, manifest, lineage, with_weakest(numbers) | derived(numbers))

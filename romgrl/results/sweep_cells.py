@@ -10,7 +10,7 @@ from typing import Any
 
 import pandas as pd
 
-from romgrl.artifacts import Manifest
+from romgrl.artifacts import Manifest, open_artifact
 from romgrl.errors import ArtifactError
 from romgrl.gait.distances import FLOOR
 from romgrl.gait.features import CHANNELS
@@ -34,6 +34,7 @@ SEED_KEY = "seed"
 ERROR_NUMBERS = [f"{channel}/aligned" for channel in (*CHANNELS, "average")] + ["average/one_episode", "average/raw"]
 BASELINE = "average/aligned/baseline"  # missing where too many of the baseline's episodes fell
 DISTANCE_NUMBERS = ["mmd/all", "wasserstein/all", "dtw/all"]
+READ = ("robustness", "teacher")  # stages whose tables are read here; evaluations are verified where they are read
 WALKED, COMPARED = ("student", "baseline"), ("student", "baseline", "teacher")
 SUMMARISED = (*COMPARED, TEACHER)
 NULLS = [walker for walker in SCORED if walker not in WALKED]
@@ -92,6 +93,9 @@ def result(sweep: Sweep, job: list[str], outputs: Path, known: Catalogue) -> Job
         return JobResult(swept, end, {}, error=end.error.replace(f"{outputs}/", ""))
     places = {stage: located(outputs, Path(path)) for stage, path in end.artifacts.items()}
     try:
+        for stage, place in places.items():
+            if stage in READ:
+                open_artifact(place, stage=stage)
         if "robustness" in places:
             return JobResult(swept, end, robustness_metrics(places["robustness"]))
         if "evaluation" in places:

@@ -98,8 +98,10 @@ def note_end(end: JobEnd) -> None:
     """Let the sweep that this job belongs to know how it ended; no sweep, no note."""
     directory = os.environ.get(SWEEP_VARIABLE)
     if directory:
-        with Path(directory, JOBS).open("a", encoding="utf-8") as lines:
-            lines.write(json.dumps(asdict(end)) + "\n")
+        path = Path(directory, JOBS)
+        cut = path.exists() and not path.read_bytes().endswith(b"\n")  # a line that a full disk or a power cut left
+        with path.open("a", encoding="utf-8") as lines:
+            lines.write("\n" * cut + json.dumps(asdict(end)) + "\n")
 
 
 def position(overrides: Sequence[str]) -> tuple[int, int] | None:
@@ -127,9 +129,18 @@ def read_sweep(directory: Path) -> Sweep:
         document = json.loads((directory / SWEEP).read_text(encoding="utf-8"))
         path = directory / JOBS
         lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
-        return Sweep(directory=directory, **document, ends=[read_end(json.loads(line)) for line in lines])
+        return Sweep(directory=directory, **document, ends=[read_end(line) for line in map(whole_line, lines) if line])
     except (OSError, ValueError, TypeError) as error:
         raise ArtifactError(f"{directory / SWEEP}: cannot be read: {error}") from error
+
+
+def whole_line(line: str) -> dict[str, Any] | None:
+    """What a line of jobs.jsonl says; None of one that was cut: that job did not end."""
+    try:
+        document = json.loads(line)
+    except ValueError:
+        return None
+    return document if isinstance(document, dict) else None
 
 
 def read_end(document: Mapping[str, Any]) -> JobEnd:
@@ -138,11 +149,6 @@ def read_end(document: Mapping[str, Any]) -> JobEnd:
 
 
 def sweeps(outputs: Path) -> list[Sweep]:
-    """The sweeps under `outputs`, oldest first; those that cannot be read are left out."""
-    found = []
-    for path in sorted(outputs.glob(f"sweeps/*/{SWEEP}")):
-        try:
-            found.append(read_sweep(path.parent))
-        except ArtifactError:
-            continue
+    """The sweeps under `outputs`, oldest first. Raises ArtifactError for one that cannot be read."""
+    found = [read_sweep(path.parent) for path in sorted(outputs.glob(f"sweeps/*/{SWEEP}"))]
     return sorted(found, key=lambda sweep: sweep.started)

@@ -6,8 +6,18 @@ from pathlib import Path
 
 import pytest
 
+from romgrl.errors import ArtifactError
 from romgrl.results import sweep_record
-from romgrl.results.sweep_record import SWEEP_VARIABLE, position, write_sweep
+from romgrl.results.sweep_record import (
+    JOBS,
+    SWEEP_VARIABLE,
+    UNFINISHED,
+    JobEnd,
+    note_end,
+    position,
+    sweeps,
+    write_sweep,
+)
 
 
 def test_the_places_of_a_sweep_are_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -23,3 +33,20 @@ def test_the_places_of_a_sweep_are_read_once(tmp_path: Path, monkeypatch: pytest
     assert position(jobs[6]) == (2, 2)
     (tmp_path / "other" / "sweep.json").unlink()
     assert position(jobs[6]) is None
+
+
+def test_a_line_that_was_cut_is_a_job_that_did_not_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """And spoils neither the lines before it nor the next one."""
+    directory = tmp_path / "sweeps" / "a"
+    write_sweep(directory, "fair", "", [["seed=0"], ["seed=1"], ["seed=2"]], machine={}, started=0.0, usual={})
+    monkeypatch.setenv(SWEEP_VARIABLE, str(directory))
+    note_end(JobEnd(["seed=0"], {"teacher": "/a"}))
+    note_end(JobEnd(["seed=1"], {"teacher": "/b"}))
+    lines = directory / JOBS
+    lines.write_bytes(lines.read_bytes()[:-20])
+    note_end(JobEnd(["seed=2"], {"teacher": "/c"}))
+    (sweep,) = sweeps(tmp_path)
+    assert [sweep.end_of([f"seed={seed}"]).error for seed in range(3)] == [None, UNFINISHED, None]
+    (directory / "sweep.json").write_text('{"name"', encoding="utf-8")
+    with pytest.raises(ArtifactError, match=r"sweep\.json: cannot be read"):
+        sweeps(tmp_path)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import math
 import re
+import shutil
 from pathlib import Path
 
 import pytest
@@ -16,7 +17,7 @@ from romgrl.gait.features import CHANNELS
 from romgrl.pipeline.run import run
 from romgrl.results import statistics
 from romgrl.results.claims import TOO_FEW, TOO_SHORT, Claim, decide, read_claims
-from romgrl.results.evaluation_index import select
+from romgrl.results.evaluation_index import evaluations, select
 from romgrl.results.statistics import NOWHERE, Interval
 from tests.conftest import Composer
 from tests.results.chains import changed, finish
@@ -264,3 +265,14 @@ def test_the_claims_are_the_papers_table() -> None:
     for each in claims.values():
         assert (each.judged_by == "paired_p") == (each.relation == "better"), each.id
         assert not each.tolerance or each.of == "project" or each.set == "after results were seen", each.id
+
+
+def test_what_an_evaluation_came_from_is_there_and_whole(tmp_path: Path, compose_config: Composer) -> None:
+    """Damaged tables of its teacher are not read, nor is it where a stage before it is gone."""
+    directory = finish(tmp_path, compose_config("seed=0"))
+    (teacher,) = (tmp_path / "artifacts" / "teacher").iterdir()
+    (teacher / "content.txt").write_text("else", encoding="utf-8")
+    assert evaluations(tmp_path)[0] == []
+    assert "SHA-256" in evaluations(tmp_path)[1][directory]
+    shutil.rmtree(teacher)
+    assert evaluations(tmp_path) == ([], {directory: "its teacher is not there any more"})
