@@ -34,6 +34,7 @@ FREE = {
     "parallel_stages",
     "stage",
     "experiment",
+    "comparison",
     "objective",
     *NAME_KEYS,
 }  # may be read anywhere, change no result
