@@ -116,14 +116,12 @@ def announced() -> Launch | None:
 class Labelled(io.StringIO):
     """A stream that puts a label before each line, so that jobs can share a terminal."""
 
+    encoding = "utf-8"
+    """That of the stream, which rich draws by; of the class, so that it can be set."""
+
     def __init__(self, stream: TextIO, label: str) -> None:
         super().__init__()
-        self._stream, self._label = stream, label
-
-    @property
-    def encoding(self) -> str:  # type: ignore[override]  # rich draws what it has letters for
-        """That of the stream."""
-        return self._stream.encoding
+        self._stream, self._label, self.encoding = stream, label, stream.encoding
 
     def write(self, text: str) -> int:
         """Write whole lines at once."""

@@ -2,6 +2,7 @@
 
 import copy
 import math
+from typing import Any
 
 import pytest
 import torch
@@ -10,9 +11,9 @@ from romgrl.algorithms.adversarial_losses import LOSSES, interpolate_penalty
 from romgrl.algorithms.discriminator import Discriminator
 
 
-def make(**changes: object) -> Discriminator:
+def make(**changes: Any) -> Discriminator:
     generator = torch.Generator().manual_seed(0)
-    settings: dict[str, object] = {
+    settings: dict[str, Any] = {
         "reference": torch.randn((400, 5), generator=generator) * 0.1 + 1.0,
         "hidden_sizes": [64, 32],
         "dropout": 0.2,
@@ -26,7 +27,7 @@ def make(**changes: object) -> Discriminator:
         "standardize": True,
         "seed": 0,
     }
-    return Discriminator(**(settings | changes))  # type: ignore[arg-type]
+    return Discriminator(**(settings | changes))
 
 
 def test_loss_on_paper() -> None:

@@ -1,6 +1,7 @@
 """The replay buffer returns transitions that happened, and nothing else."""
 
 from itertools import product
+from typing import Any
 
 import numpy as np
 import pytest
@@ -23,10 +24,10 @@ def fill(buffer: ReplayBuffer, steps: int, truncated_every: int = 0) -> None:
         buffer.add(now, now[:, :1] * 100 + t, following, envs + t, torch.zeros(len(envs)), truncated, now)
 
 
-def make(capacity: int, **mirrors: object) -> ReplayBuffer:
+def make(capacity: int, **settings: Any) -> ReplayBuffer:
     return ReplayBuffer(
-        capacity=capacity, num_envs=4, observation_size=2, action_size=1, window_size=2, seed=0, **mirrors
-    )  # type: ignore[arg-type]
+        capacity=capacity, num_envs=4, observation_size=2, action_size=1, window_size=2, seed=0, **settings
+    )
 
 
 @pytest.mark.parametrize("steps", [3, 10, 16, 17, 40, 100])

@@ -21,7 +21,8 @@ def learner(discriminator: Any, *, stored_reward: bool) -> RomGrl:
         now, fell, still = torch.full((1, 1), float(t)), torch.tensor([float(t % 10 == 9)]), torch.zeros(1)
         buffer.add(now, now, now + 1, now[0], fell, still, now, 10 * now[0])
     sac: Any = SimpleNamespace(gamma=GAMMA)
-    return RomGrl(sac, discriminator, buffer, Any, ETA, 32, 1, 32, None, stored_reward)  # type: ignore[arg-type]
+    unused: Any = None  # the normaliser
+    return RomGrl(sac, discriminator, buffer, unused, ETA, 32, 1, 32, None, stored_reward)
 
 
 def test_return_of_several_steps_ends_with_a_fall() -> None:

@@ -180,7 +180,7 @@ def test_first_paint_and_frames(opened: Page) -> None:
 def test_screenshots(browser: Browser, page_file: Path, scheme: str, name: str, width: int, height: int) -> None:
     context = browser.new_context(
         viewport={"width": width, "height": height},
-        color_scheme=scheme,  # type: ignore[arg-type]
+        color_scheme=scheme,
         has_touch=name == "phone",
     )
     page = context.new_page()

@@ -40,7 +40,7 @@ def states(model: Any, steps: int) -> Mapping[str, Any]:
 
 def walker(rate: float, *, steps: int, episodes: int = EPISODES, lean: float = 0.0, **shape: float) -> Gait:
     """Episodes of a synthetic run at 4 m/s."""
-    features, contact = run(episodes=episodes, steps=steps, frequency=rate, **shape)  # type: ignore[arg-type]
+    features, contact = run(episodes=episodes, steps=steps, frequency=rate, **shape)
     size = features.shape[:2]
     return Gait(
         features,

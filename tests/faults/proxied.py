@@ -74,6 +74,6 @@ def connected(told: Told) -> bool:
     return len(process_of(told.recorder).run_ids) == 2
 
 
-def process_of(recorder: Recorder):  # type: ignore[no-untyped-def]
+def process_of(recorder: Recorder):
     assert recorder.process is not None
     return recorder.process

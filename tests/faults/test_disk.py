@@ -128,8 +128,8 @@ def watch_saves(monkeypatch: pytest.MonkeyPatch, rings: list[Ring | None]) -> li
         saved.append(step)
 
     def started(checkpoints: TrainingCheckpoints, *arguments: object, **keywords: object) -> None:
-        start(checkpoints, *arguments, **keywords)  # type: ignore[arg-type]
-        rings.append(keywords.get("ring"))  # type: ignore[arg-type]
+        start(checkpoints, *arguments, **keywords)
+        rings.append(keywords.get("ring"))
 
     monkeypatch.setattr(Checkpoints, "save", watched)
     monkeypatch.setattr(TrainingCheckpoints, "__init__", started)

@@ -120,7 +120,7 @@ def spoil_weights(owner: type, flat: Callable[[Any], torch.Tensor]) -> Injection
     """A weight, after an update has begun."""
 
     def inject(patch: pytest.MonkeyPatch, value: float, now: Trigger) -> None:
-        original = owner.update  # type: ignore[attr-defined]
+        original = owner.update
 
         def update(learner: Any, *arguments: Any, **named: Any) -> Any:
             optimizer = getattr(learner, "critic_optimizer", None) or learner.optimizer

@@ -58,7 +58,7 @@ def test_configs_fit_the_launchers(launcher: str) -> None:
     assert schema is not None
     assert schema.__module__ == f"hydra_plugins.hydra_{launcher.partition('_')[0]}_launcher.config"
     if launcher != "joblib":
-        folder = OmegaConf.to_container(config.hydra.launcher, resolve=False)["submitit_folder"]  # type: ignore[index,call-overload]
+        folder = OmegaConf.to_container(config.hydra.launcher, resolve=False)["submitit_folder"]
         assert folder == "${hydra.sweep.dir}/.submitit/%j"
         assert config.hydra.sweep.dir.startswith("/somewhere/sweeps/")
 

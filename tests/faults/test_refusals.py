@@ -145,7 +145,7 @@ def test_what_is_refused_whenever_it_is_sent_is_kept_and_told(outputs: Path) -> 
         whole(run_id, entry)
         store.request("log_param", run_id, "seed", "another")
 
-    store.describe = describe  # type: ignore[method-assign]
+    store.describe = describe
     assert len(send(store, outputs)) == 2
     assert journals(outputs) == []
     assert len(beside(outputs, "refused")[0].read_text(encoding="utf-8").splitlines()) == 2

@@ -38,7 +38,7 @@ def reader(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Reader]:
     popen = subprocess.Popen
 
     def started(arguments: list[str], **options: object) -> subprocess.Popen[str]:
-        return popen([*limited, *arguments], **options)  # type: ignore[call-overload, no-any-return]
+        return popen([*limited, *arguments], **options)
 
     def run(*arguments: str) -> subprocess.CompletedProcess[str]:
         permit(outputs, 0o555)

@@ -122,7 +122,7 @@ def test_answers_that_get_lost(
             told.start()
         told.steps(50 * hits, 50 * hits + 50)
         if hits < 3:
-            wait_until(lambda hits=hits: proxy.hits == hits)  # type: ignore[misc]
+            wait_until(lambda hits=hits: proxy.hits == hits)
             wait_until(lambda: connected(told) and process_of(told.recorder).reason is None)
     told.finish()
     wait_until(lambda: not process_of(told.recorder).alive)

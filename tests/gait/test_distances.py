@@ -214,6 +214,6 @@ def test_walkers_that_fall_have_a_note_and_no_numbers() -> None:
 
 def test_one_episode_on_each_side() -> None:
     single = {"steps": 250, "episodes": 1, "noise": 0.005, "frequency": 1.75}
-    rows = table(reference=gait(run(**single)[0]), student=gait(run(**single, seed=3)[0])).set_index("distance")  # type: ignore[arg-type]
+    rows = table(reference=gait(run(**single)[0]), student=gait(run(**single, seed=3)[0])).set_index("distance")
     assert np.isnan(rows.loc["mmd", "student"])  # one episode has no spread
     assert rows.loc[["wasserstein", "dtw"], ["student", "teacher_floor"]].notna().all(axis=None)

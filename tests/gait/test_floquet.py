@@ -92,7 +92,7 @@ def test_van_der_pol_against_the_divergence_along_its_orbit() -> None:
     def crossing(t: float, s: Array) -> float:
         return float(s[0])
 
-    crossing.direction = 1  # type: ignore[attr-defined]
+    crossing.direction = 1
     judge = solve_ivp(
         lambda t, s: [s[1], mu * (1 - s[0] ** 2) * s[1] - s[0], mu * (1 - s[0] ** 2)],
         (0, 10),

@@ -84,7 +84,7 @@ def test_pictures_follow_the_root_wherever_it_stands_in_the_file(
     window = SimpleNamespace(cam=SimpleNamespace())
     monkeypatch.setattr(mujoco.viewer, "launch_passive", lambda *_, **__: nullcontext(window))
     monkeypatch.setattr(watch, "walk_on", lambda *_: iter(()))
-    watch.play(SimpleNamespace(model=model), Path(), 0)  # type: ignore[arg-type]
+    watch.play(SimpleNamespace(model=model), Path(), 0)
     assert window.cam.trackbodyid == model.body("Pelvis").id == 2
     lines, _ = film.side_view(model, np.array([3.0]), ())
     assert lines[0, 0].tolist() == [0.0, 0.0]

@@ -189,11 +189,11 @@ def test_a_signal_leaves_no_lock_held(smoke_config: Config, monkeypatch: pytest.
 
     def interrupted(futures: Collection[Future[None]], *arguments: Any, **named: Any) -> Any:
         for future in futures if sent else []:
-            future._condition.acquire()  # type: ignore[attr-defined]
+            future._condition.acquire()
         if sent:
             signal.raise_signal(sent.pop())
             for future in futures:
-                future._condition.release()  # type: ignore[attr-defined]
+                future._condition.release()
         return wait(futures, *arguments, **named)
 
     monkeypatch.setattr(pipeline, "wait", interrupted)

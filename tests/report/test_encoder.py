@@ -92,8 +92,8 @@ def test_a_report_without_films(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     (tmp_path / "baseline.mp4").write_bytes(b"of an attempt that was killed")
     log = SilentLog()
     states = {"student": np.zeros((9, 48)), "baseline": np.zeros((9, 48))}
-    teacher = report.side_by_side_film.FilmedTeacher({}, None, None, 0.8)  # type: ignore[arg-type]
-    assert report.films_or_none(Camera(), states, teacher, 1 / 30, tmp_path, log) == []  # type: ignore[arg-type]
+    teacher = report.side_by_side_film.FilmedTeacher({}, None, None, 0.8)
+    assert report.films_or_none(Camera(), states, teacher, 1 / 30, tmp_path, log) == []
     assert log.messages == [f"no films: {program} (IMAGEIO_FFMPEG_EXE) ended with 1: Unknown encoder 'libx264'"]
     assert not [*tmp_path.glob("*.mp4")]
 

@@ -38,7 +38,7 @@ def job(walker: str, seed: int, error: float, **more: str) -> JobResult:
     """A job whose walker has the same error in all channels, but ten times as much in the height of the pelvis."""
     numbers = {f"error_over_variance/{channel}/student": error for channel in (*CHANNELS, "average")}
     numbers["error_over_variance/pelvis_y/student"] = 10 * error
-    evaluation: FinishedEvaluation = Seeded(seed)  # type: ignore[assignment]  # what of it is read
+    evaluation: FinishedEvaluation = Seeded(seed)  # what of it is read
     return JobResult({"comparison": walker, "seed": str(seed), **more}, JobEnd([]), numbers, evaluation)
 
 

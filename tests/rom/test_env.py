@@ -18,7 +18,7 @@ from romgrl.rom.vector_env import SpringLegVectorEnv
 @pytest.mark.filterwarnings("ignore:.*A Box observation space m.* value is")
 @pytest.mark.parametrize("observation", ["full", "paper"])
 def test_check_env(observation: str) -> None:
-    parameters = SpringLegParameters(observation=observation)  # type: ignore[arg-type]
+    parameters = SpringLegParameters(observation=observation)
     check_env(SpringLegEnv(parameters=parameters, render_mode="rgb_array"), skip_render_check=True)
 
 
@@ -83,7 +83,7 @@ def test_seeds_of_reset() -> None:
 @pytest.mark.parametrize(("reward", "alpha"), [("exponential", 1.0), ("exponential", 2.5), ("forward_velocity", 1.0)])
 def test_reward(reward: str, alpha: float) -> None:
     """exp(-alpha |v - v*|) or v, with v the mean velocity of the trunk over the control step."""
-    worlds = SpringLegVectorEnv(num_envs=4, speed=3.0, reward=reward, alpha=alpha)  # type: ignore[arg-type]
+    worlds = SpringLegVectorEnv(num_envs=4, speed=3.0, reward=reward, alpha=alpha)
     worlds.reset(seed=0)
     for _ in range(5):
         before = worlds.save()

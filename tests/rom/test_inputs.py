@@ -93,7 +93,7 @@ def test_buffers_of_another_batch_raise() -> None:
 )
 def test_bad_parameters_raise(name: str, values: tuple[object, ...]) -> None:
     for value in values:
-        parameters = SpringLegParameters(**{name: value})  # type: ignore[arg-type]
+        parameters = SpringLegParameters(**{name: value})
         with pytest.raises(ValueError, match=r".+"):
             SpringLegVectorEnv(parameters=parameters, num_envs=2)
 
@@ -101,7 +101,7 @@ def test_bad_parameters_raise(name: str, values: tuple[object, ...]) -> None:
 @pytest.mark.parametrize("name", ["reset_speed", "reset_hip_angle"])
 @pytest.mark.parametrize("value", [(1,), (0.3, 0.4, 0.5), 3, None, (0.3, "x")])
 def test_a_range_that_is_none_is_named(name: str, value: object) -> None:
-    parameters = SpringLegParameters(**{name: value})  # type: ignore[arg-type]
+    parameters = SpringLegParameters(**{name: value})
     with pytest.raises(ValueError, match=f"^{name}"):
         SpringLegVectorEnv(parameters=parameters)
 
@@ -109,7 +109,7 @@ def test_a_range_that_is_none_is_named(name: str, value: object) -> None:
 def test_parameters_of_another_type_are_named() -> None:
     for value in ({}, {"mass": 70.0}, 3):
         with pytest.raises(ValueError, match=r"^parameters .* are no SpringLegParameters$"):
-            SpringLegVectorEnv(parameters=value)  # type: ignore[arg-type]
+            SpringLegVectorEnv(parameters=value)
 
 
 @pytest.mark.parametrize("make", [SpringLegVectorEnv, SpringLegEnv])
@@ -140,7 +140,7 @@ def test_options_of_a_reset_are_refused_and_change_nothing(make: type[SpringLegV
 )
 def test_bad_arguments_raise(arguments: dict[str, object]) -> None:
     with pytest.raises(ValueError, match=r".+"):
-        SpringLegVectorEnv(**arguments)  # type: ignore[arg-type]
+        SpringLegVectorEnv(**arguments)
 
 
 @pytest.mark.usefixtures("engine")

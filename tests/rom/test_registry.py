@@ -52,7 +52,7 @@ def worlds_of(name: str, num_envs: int = 4, episode_steps: int = 30) -> RomVecto
 
 
 def random_actions(env: RomVectorEnv, steps: int) -> list[Any]:
-    size = env.single_action_space.shape[0]  # type: ignore[index]
+    size = env.single_action_space.shape[0]
     draw = np.random.default_rng(0)
     return [draw.uniform(-1, 1, (env.num_envs, size)).astype(np.float32) for _ in range(steps)]
 

@@ -15,7 +15,7 @@ SUBSTEPS, WORLDS = 16, 24
 
 def strides(**changed: object) -> StrideMap:
     values = {"engine": "native", **changed}
-    return StrideMap(scissors, SpringLegParameters(**values), speed=4.0, control_frequency=30.0)  # type: ignore[arg-type]
+    return StrideMap(scissors, SpringLegParameters(**values), speed=4.0, control_frequency=30.0)
 
 
 @pytest.mark.parametrize("engine", ["native", "box2d"])
@@ -25,7 +25,7 @@ def test_substeps_make_the_motion_of_the_environment_bit_for_bit(engine: str) ->
     crossed = np.isfinite(end.time)
     assert crossed.sum() > WORLDS / 2
     env = SpringLegVectorEnv(
-        parameters=SpringLegParameters(engine=engine),  # type: ignore[arg-type]
+        parameters=SpringLegParameters(engine=engine),
         num_envs=WORLDS,
         speed=4.0,
         episode_steps=10**6,

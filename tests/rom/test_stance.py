@@ -60,7 +60,7 @@ def exact(start: Array, *, stance: float, swing: float, horizon: float) -> Bounc
         bodies = state.reshape(3, 4)
         return float(np.hypot(*(bodies[1, :2] - bodies[0, :2])) - LENGTH)
 
-    at_rest.terminal, at_rest.direction = True, 1.0  # type: ignore[attr-defined]
+    at_rest.terminal, at_rest.direction = True, 1.0
     damping = {"stance": stance, "swing": swing}
     options = {"rtol": 1e-9, "atol": 1e-10, "max_step": 1e-3}
     down = solve_ivp(lambda _, s: rates(s, grounded=True, **damping), (0, 1), start.ravel(), events=at_rest, **options)

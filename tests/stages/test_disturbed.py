@@ -23,7 +23,7 @@ def policy(observation: NDArray[np.float32]) -> NDArray[np.float32]:
 
 def stays(**settings: float) -> PlanarHumanoidVectorEnv:
     """Humanoids for which no posture is a fall."""
-    return PlanarHumanoidVectorEnv(num_envs=TRIALS, episode_steps=1000, **(NO_FALL | settings))  # type: ignore[arg-type]
+    return PlanarHumanoidVectorEnv(num_envs=TRIALS, episode_steps=1000, **(NO_FALL | settings))
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +51,7 @@ def test_nothing_is_the_undisturbed_rollout_bit_for_bit(start: Start, nothing: d
     for _ in range(7 + STEPS):
         observation, _, _, _, info = env.step(policy(observation))
         velocity.append(info["forward_velocity"][3])
-    outcome = disturb(stays(), policy, start, steps=STEPS, **nothing)  # type: ignore[arg-type]
+    outcome = disturb(stays(), policy, start, steps=STEPS, **nothing)
     np.testing.assert_array_equal(outcome.velocity[3], velocity[7:])
     assert outcome.upright.all()
 
@@ -67,7 +67,7 @@ def test_pushes_and_noise_depend_on_their_size_and_seed(start: Start) -> None:
     env, ones = stays(), np.full(358, 0.1, np.float32)
 
     def run(**settings: object) -> Outcome:
-        return disturb(env, policy, start, steps=STEPS, **settings)  # type: ignore[arg-type]
+        return disturb(env, policy, start, steps=STEPS, **settings)
 
     plain, pushed = run(), run(force=500.0, push_steps=3)
     assert (pushed.velocity[:, 0] > plain.velocity[:, 0]).all()

@@ -72,7 +72,7 @@ def test_nothing_after_a_fall_counts(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(humanoid, "replay", fake_replay)
     env, seen = TwoWalkers(), []
     arrays = roll_out(
-        env,  # type: ignore[arg-type]
+        env,
         lambda observation: np.zeros((len(observation), 21), np.float32),
         steps=10,
         seed=5,

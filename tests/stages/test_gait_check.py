@@ -64,7 +64,7 @@ def checks(
 
 def go(made: GaitChecks, start: int, stop: int, each: int, total: int | None = None) -> None:
     for step in range(start, stop + 1, each):
-        made.check_if_due(step, Learner(step), Budget(total or 10**9))  # type: ignore[arg-type]
+        made.check_if_due(step, Learner(step), Budget(total or 10**9))
 
 
 @pytest.mark.parametrize(
@@ -98,10 +98,10 @@ def test_the_best_is_kept(smoke_config: Config, tmp_path: Path, monkeypatch: pyt
     """The first of those that are equally good; its weights and the moments that it had then."""
     rows = [GOOD | {"error_over_variance": error} for error in (0.5, 0.2, 0.2, 0.3)]
     made = checks(smoke_config, tmp_path, rows, monkeypatch)
-    made.teacher = object()  # type: ignore[assignment]
+    made.teacher = object()
     go(made, 100, 400, 100)
     learner = Learner(400)
-    mean, scale = made.keep_best(learner)  # type: ignore[arg-type]
+    mean, scale = made.keep_best(learner)
     assert learner.flat.tolist() == [200.0] * 14
     assert (mean.tolist(), scale.tolist()) == ([-200.0] * 3, [400.0] * 3)
     log = made.log
@@ -120,14 +120,14 @@ def test_which_policy_is_kept(
     near, fast = GOOD | {"error_over_variance": 0.1}, GOOD | {"task_reward": 0.95}
     made, learner = checks(smoke_config, tmp_path, [fell, near, fast, fell], monkeypatch), Learner(400)
     go(made, 100, 400, 100)
-    made.teacher = object()  # type: ignore[assignment]
-    made.keep_best(learner)  # type: ignore[arg-type]
+    made.teacher = object()
+    made.keep_best(learner)
     assert learner.flat[0] == step
 
 
 def test_without_checks_the_last_is_kept(smoke_config: Config, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     made, learner = checks(smoke_config, tmp_path, [], monkeypatch, interval=0), Learner(400)
-    mean, _ = made.keep_best(learner)  # type: ignore[arg-type]
+    mean, _ = made.keep_best(learner)
     assert (learner.flat[0], mean[0]) == (400, -400)
     assert not list(tmp_path.iterdir())
 
@@ -277,5 +277,5 @@ def test_two_passed_checks_in_a_row_begin_the_second_half(
         made = checks(smoke_config, tmp_path, [GOOD | {"passed": float(value)} for value in passes], monkeypatch)
         budget = Budget(1000)
         for step in range(100, 100 * len(passes) + 1, 100):
-            made.check_if_due(step, Learner(step), budget)  # type: ignore[arg-type]
+            made.check_if_due(step, Learner(step), budget)
         assert budget.total == total

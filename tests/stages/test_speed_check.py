@@ -86,12 +86,12 @@ def test_second_half_at_intervals_and_the_best_is_kept(
 ) -> None:
     made = checks(compose_config(), tmp_path, [5.0, 2.0, 1.0, 7.0, 9.0], monkeypatch)
     for step in range(64, 1000, 64):
-        made.check_if_due(step, Agent(step))  # type: ignore[arg-type]
+        made.check_if_due(step, Agent(step))
     steps = [512, 640, 768, 896]
     assert [found["step"] for found in made.rows] == steps
     assert list(pd.read_csv(tmp_path / speed_check.FILE)["step"]) == steps
     last = Agent(1000)
-    made.keep_best(last)  # type: ignore[arg-type]
+    made.keep_best(last)
     assert last.policy.flat.tolist() == [768.0] * 3
 
 
@@ -99,14 +99,14 @@ def test_a_resumed_training_goes_on_with_its_checks(
     compose_config: Composer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     first = checks(compose_config(), tmp_path, [1.0, 9.0], monkeypatch)
-    first.check_if_due(512, Agent(512))  # type: ignore[arg-type]
+    first.check_if_due(512, Agent(512))
     second = checks(compose_config(), tmp_path, [9.0], monkeypatch)
     second.restore(first.state())
-    second.check_if_due(576, Agent(576))  # type: ignore[arg-type]
+    second.check_if_due(576, Agent(576))
     assert len(second.rows) == 1
-    second.check_if_due(640, Agent(640))  # type: ignore[arg-type]
+    second.check_if_due(640, Agent(640))
     last = Agent(0)
-    second.keep_best(last)  # type: ignore[arg-type]
+    second.keep_best(last)
     assert last.policy.flat.tolist() == [512.0] * 3
     fresh = checks(compose_config(), tmp_path, [], monkeypatch)
     fresh.restore(fresh.state())
