@@ -14,7 +14,8 @@ from hydra import compose, initialize_config_dir
 
 from romgrl.algorithms.rom_grl import RomGrl
 from romgrl.artifacts import save_arrays
-from romgrl.cli.compose import CONF, register_schema, to_config
+from romgrl.cli.compose import register_schema, to_config
+from romgrl.cli.config_files import CONF
 from romgrl.config.schema import Config
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 from romgrl.pipeline import run as pipeline

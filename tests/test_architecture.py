@@ -152,6 +152,12 @@ def test_files_beside_the_package_stay_small() -> None:
     assert not {name for name, count in lines.items() if count > 300}
 
 
+def test_nothing_is_suppressed_where_no_checker_looks() -> None:
+    """mypy reads the package and the benchmarks alone, so a comment that silences it elsewhere says what is not so."""
+    silencer = "type" + ": ignore"
+    assert not [str(path.relative_to(ROOT)) for path in BESIDE if silencer in path.read_text(encoding="utf-8")]
+
+
 def test_tests_share_helpers_and_no_rooms() -> None:
     """So a test can be moved or split without a look at other rooms: what others use lies in tests/helpers."""
     foreign = {}

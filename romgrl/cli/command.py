@@ -12,7 +12,8 @@ from omegaconf import DictConfig
 
 import romgrl
 from romgrl.cli.arguments import checked, refuse
-from romgrl.cli.compose import COMPOSITION_ERRORS, CONF, to_config
+from romgrl.cli.compose import COMPOSITION_ERRORS, to_config
+from romgrl.cli.config_files import CONF
 from romgrl.cli.exit_codes import exit_code_of
 from romgrl.cli.help import usage
 from romgrl.config.schema import Config

@@ -18,6 +18,7 @@ from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
 
 from romgrl.cli import search_space
 from romgrl.cli.allowlist import GuardedLoader, chosen, guard_hydra
+from romgrl.cli.config_files import CONF
 from romgrl.cli.consistency import misfits, objective_faults
 from romgrl.cli.hydra_internals import create_config_search_path
 from romgrl.cli.hydra_settings import hydra_faults, searches
@@ -39,8 +40,6 @@ from romgrl.config.values import (
 )
 from romgrl.errors import ConfigurationError, one_line
 
-HERE = Path(__file__).resolve().parents[1]
-CONF = HERE / "conf" if (HERE / "conf").is_dir() else HERE.parent / "conf"  # installed, or in a checkout
 COMPOSITION_ERRORS = (HydraException, OmegaConfBaseException)
 ABSENT = object()
 MOST_TOLD = 5  # keys of a group without a value that get a line each

@@ -18,6 +18,8 @@ from romgrl.cli import hydra_internals
 from romgrl.cli.typed_text import put_back
 from romgrl.errors import one_line
 
+HERE = Path(__file__).resolve().parents[1]
+CONF = HERE / "conf" if (HERE / "conf").is_dir() else HERE.parent / "conf"  # installed, or in a checkout
 HEADER_FAULTS = ("Expected header format", "Too many components")  # as Hydra begins to say them
 HEADER = re.compile(r"\s*#\s*@\s*package\b", re.IGNORECASE)
 MARK = "\N{ZERO WIDTH NO-BREAK SPACE}"  # of the byte order, where a file begins

@@ -14,6 +14,7 @@ from typing import Any
 
 from omegaconf import OmegaConf
 
+from romgrl.cli.config_files import CONF
 from romgrl.cli.locations import is_file, is_readable, outputs_directory, tracking_store
 from romgrl.config.learners import CRITICS, LONG_RUN
 from romgrl.config.schema import Config
@@ -121,8 +122,6 @@ def comparison(config: Config) -> Iterator[str]:
 @cache
 def preset_values(name: str) -> dict[str, Any]:
     """The keys that a comparison of ours sets, with their values; none of a user's own."""
-    from romgrl.cli.compose import CONF
-
     path = CONF / "comparison" / f"{name}.yaml"
     values = OmegaConf.load(path) if Path(name).name == name and path.is_file() else OmegaConf.create()
     return {key: OmegaConf.select(values, key) for key in schema_keys() if OmegaConf.select(values, key) is not None}

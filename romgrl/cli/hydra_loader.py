@@ -19,7 +19,8 @@ from omegaconf.errors import ConfigAttributeError, ConfigKeyError
 from yaml import YAMLError
 
 from romgrl.cli.allowlist import GuardedLoader
-from romgrl.cli.compose import COMPOSITION_ERRORS, CONF, explanation
+from romgrl.cli.compose import COMPOSITION_ERRORS, explanation
+from romgrl.cli.config_files import CONF
 from romgrl.cli.hydra_internals import BasicSweeper, create_config_search_path
 from romgrl.cli.search_space import Scale, scale_from
 from romgrl.cli.typed_text import holds, quoted

@@ -9,7 +9,8 @@ from dataclasses import Field, fields
 from pathlib import Path
 from typing import Any
 
-from romgrl.cli.compose import CONF, compose_config
+from romgrl.cli.compose import compose_config
+from romgrl.cli.config_files import CONF
 from romgrl.cli.exit_codes import exit_code_of
 from romgrl.config.schema import PRESETS, Config
 from romgrl.config.values import KIND, allowed, keys_of, schema_keys, show, value_of

@@ -171,7 +171,7 @@ class Discriminator:
         "both soles; velocities: the five and their velocities; trunk_velocities: the five, the trunk and velocities",
         choices=("paper", "trunk", "trunk_soles", "velocities", "trunk_velocities"),
     )
-    reference: str = key(
+    imitated: str = key(
         "what is imitated, teacher: its paths; sinusoid: cosines of their mean, cadence and amplitudes in their place",
         choices=("teacher", "sinusoid"),
     )

@@ -141,8 +141,6 @@ class SpeedTask:
     def reward(self, forward_velocity: Array, posture: Array) -> Array:
         """(1 - w) `speed_reward` at this speed + w `posture_reward`, (N,)."""
         rewarded = speed_reward(forward_velocity, speed=self.speed, alpha=self.alpha)
-        if self.posture_weight == 0:
-            return rewarded
         upright = posture_reward(posture, standing_height=self.standing_height)
         return (1.0 - self.posture_weight) * rewarded + self.posture_weight * upright
 

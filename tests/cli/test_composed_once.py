@@ -12,7 +12,8 @@ from hydra.types import RunMode
 from omegaconf import OmegaConf
 
 from romgrl.cli.allowlist import GuardedLoader
-from romgrl.cli.compose import CONF, register_schema
+from romgrl.cli.compose import register_schema
+from romgrl.cli.config_files import CONF
 
 JOBS = [
     *(["stage=teacher", f"seed={seed}"] for seed in range(5)),

@@ -16,7 +16,8 @@ from omegaconf import OmegaConf
 
 from romgrl.cli import consistency, reference_page
 from romgrl.cli.arguments import faults
-from romgrl.cli.compose import CONF, to_config
+from romgrl.cli.compose import to_config
+from romgrl.cli.config_files import CONF
 from romgrl.cli.consistency import validate
 from romgrl.config.schema import OPTIONAL_STAGES, PRESETS, STAGES
 from romgrl.config.values import keys_of, schema_groups, schema_keys

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from romgrl.cli.arguments import faults
-from romgrl.cli.compose import CONF
+from romgrl.cli.config_files import CONF
 from romgrl.config.schema import PRESETS
 from tests.cli.loading import composed
 

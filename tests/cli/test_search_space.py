@@ -7,7 +7,8 @@ import pytest
 from hydra import compose, initialize_config_dir
 from scipy.stats import kstest
 
-from romgrl.cli.compose import CONF, to_config
+from romgrl.cli.compose import to_config
+from romgrl.cli.config_files import CONF
 from romgrl.cli.consistency import validate
 from romgrl.cli.search_space import random_value
 from romgrl.config.schema import Config

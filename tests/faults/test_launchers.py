@@ -16,7 +16,8 @@ from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
 from romgrl.artifacts.workspace import CHECKPOINT
-from romgrl.cli.compose import CONF, register_schema
+from romgrl.cli.compose import register_schema
+from romgrl.cli.config_files import CONF
 from romgrl.errors import ConfigurationError
 from romgrl.runtime import cores
 from romgrl.sweeps import callback

@@ -9,7 +9,7 @@ import pytest
 
 from romgrl.artifacts import save_arrays
 from romgrl.cli.arguments import faults
-from romgrl.cli.compose import CONF
+from romgrl.cli.config_files import CONF
 from romgrl.errors import ArtifactError
 from romgrl.gait.features import gait_from_reference
 from romgrl.gait.metrics import stride_frequency
@@ -29,7 +29,7 @@ CHANGED = {
     "no_trunk": {"discriminator.features": "paper"},
     "same_choice": {"eta": 1.0},
     "same_resets": {"eta": 1.0, "student.end_early": False},
-    "sinusoid": {"discriminator.reference": "sinusoid"},
+    "sinusoid": {"discriminator.imitated": "sinusoid"},
     "student": {},
     "upright": {"eta": 1.0, "student.end_early": False, "student.posture_weight": 0.25},
 }

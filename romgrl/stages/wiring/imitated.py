@@ -15,12 +15,12 @@ from romgrl.stages.wiring.artifact_arrays import Arrays, read_reference
 
 
 def read_imitated(directory: Path, config: Config, *, steps: int = 1) -> Arrays:
-    """As `read_reference`; where `discriminator.reference` is sinusoid, the first harmonics of its paths.
+    """As `read_reference`; where `discriminator.imitated` is sinusoid, the first harmonics of its paths.
 
     Raises ArtifactError where the reference has no strides.
     """
     arrays = read_reference(directory, config, steps=steps)
-    return first_harmonics(directory, arrays) if config.discriminator.reference == "sinusoid" else arrays
+    return first_harmonics(directory, arrays) if config.discriminator.imitated == "sinusoid" else arrays
 
 
 def first_harmonics(directory: Path, arrays: Arrays) -> Arrays:
@@ -28,7 +28,7 @@ def first_harmonics(directory: Path, arrays: Arrays) -> Arrays:
     gait = gait_from_reference(arrays)
     cadence = stride_frequency(gait.features, gait.dt, gait.valid)
     if not cadence > 0:
-        raise ArtifactError(f"{directory}: no strides; discriminator.reference=sinusoid needs their cadence")
+        raise ArtifactError(f"{directory}: no strides; discriminator.imitated=sinusoid needs their cadence")
     episodes = sinusoids(gait.upright_episodes, gait.dt, cadence, gait.valid.shape[1])
     return {
         "features": np.concatenate(episodes).astype(np.float32),
