@@ -26,6 +26,7 @@ from romgrl.results.verify import baseline_sheet, errors_sheet, plural, warnings
 
 PAPER = "paper"
 CLAIMED = (PAPER, "walking")  # the sweeps whose cells the claims are compared with
+FILES = "files.txt"  # in results/: what was written there, which the next writing replaces
 PRIVATE = ("paths", "tracking")  # what of a command is about one machine
 TRAININGS = ("teacher", "student", "baseline")
 HEAD = """# Results
@@ -49,23 +50,37 @@ def write_document(outputs: Path, docs: Path, others: Mapping[Path, str]) -> lis
     if not found:
         command = "python -m romgrl --config-dir sweeps --config-name paper"
         raise ArtifactError(f"{outputs}: holds no sweep; {command} makes one")
+    jobs = {sweep.title: results(sweep, outputs) for sweep in found}
+    if not any(each.numbers for several in jobs.values() for each in several):
+        first = next((each.error for several in jobs.values() for each in several if each.error), "none has finished")
+        raise ArtifactError(f"{outputs}: no job of its sweeps has numbers ({first}); nothing was replaced")
     directory = docs / "results"
     with storage_faults(docs):
         directory.mkdir(parents=True, exist_ok=True)
         with temporary_directory(directory) as fresh, temporary_files(others) as temporaries:
             text = [HEAD]
             for sweep in sorted(found, key=lambda each: (each.name != PAPER, each.title)):
-                text += results_section(sweep, results(sweep, outputs), outputs, fresh)
-            made = [path.name for path in fresh.iterdir()]
+                text += results_section(sweep, jobs[sweep.title], outputs, fresh)
+            made = [path.name for path in fresh.iterdir()] + [FILES]
+            (fresh / FILES).write_text("\n".join([*sorted(made), ""]), encoding="utf-8")
+            before = made_before(directory)
             with temporary_files({docs / "results.md": "\n".join(text)}) as document:
                 for name in made:
                     (fresh / name).replace(directory / name)
                 for path, temporary in (document | temporaries).items():
                     temporary.replace(path)
-        for old in {path for sweep in found for path in directory.glob(f"{prefix_of(sweep)}*")}:
-            if old.name not in made:
-                old.unlink()
+        prefixes = tuple(prefix_of(sweep) for sweep in found)
+        for old in before - set(made):
+            if old.startswith(prefixes):
+                (directory / old).unlink(missing_ok=True)
     return [docs / "results.md", *sorted(directory.iterdir())]
+
+
+def made_before(directory: Path) -> set[str]:
+    """The files that the last writing left in a directory, by its list of them; none of anybody else's."""
+    path = directory / FILES
+    names = path.read_text(encoding="utf-8").splitlines() if path.is_file() else []
+    return {name for name in names if Path(name).name == name}
 
 
 @contextmanager

@@ -122,12 +122,35 @@ def test_the_readmes_table_has_distances_floors_and_null_models(default_config: 
 def test_a_second_writing_replaces_the_first(default_config: Config, tmp_path: Path) -> None:
     stored(tmp_path, default_config, "a", "eta", {"eta": ["0.3", "0.7"]})
     assert main([str(tmp_path), str(tmp_path / "docs")]) == 0
-    (tmp_path / "docs" / "results" / "eta_by_noise.png").write_text("of an older sweep", encoding="utf-8")
+    place = tmp_path / "docs" / "results"
+    for name in ("eta_by_noise.png", "eta_notes.md", "speed_jobs.csv"):
+        (place / name).write_text("of an older writing, of a user, of a sweep that is elsewhere", encoding="utf-8")
+    with (place / "files.txt").open("a", encoding="utf-8") as listed:
+        listed.write("eta_by_noise.png\nspeed_jobs.csv\n")
     first = (tmp_path / "docs" / "results.md").read_text(encoding="utf-8")
     assert main([str(tmp_path), str(tmp_path / "docs")]) == 0
     assert (tmp_path / "docs" / "results.md").read_text(encoding="utf-8") == first
     names = sorted(path.name for path in (tmp_path / "docs" / "results").iterdir())
-    assert names == ["eta_by_x.png", "eta_cells.csv", "eta_jobs.csv"]
+    mine = ["eta_by_x.png", "eta_cells.csv", "eta_jobs.csv"]
+    assert names == sorted([*mine, "eta_notes.md", "files.txt", "speed_jobs.csv"])
+    assert (place / "files.txt").read_text(encoding="utf-8").split() == [*mine, "files.txt"]
+
+
+def test_documents_are_not_replaced_by_nothing(
+    default_config: Config, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    stored(tmp_path, default_config, "a", "eta", {"eta": ["0.3", "0.7"]})
+    assert main([str(tmp_path), str(tmp_path / "docs")]) == 0
+    before = content(tmp_path / "docs")
+    for table in tmp_path.glob("artifacts/evaluation/*/mse.csv"):
+        table.unlink()
+    capsys.readouterr()
+    assert main([str(tmp_path), str(tmp_path / "docs")]) == 3
+    line = capsys.readouterr().err
+    assert line.count("\n") == 1
+    assert "no job of its sweeps has numbers" in line
+    assert "mse.csv" in line
+    assert content(tmp_path / "docs") == before
 
 
 def content(place: Path) -> dict[str, bytes]:
