@@ -82,7 +82,7 @@ def run(
     finally:
         tracked.finish(status)
         recorder.close()
-    for stage, directory in job.finished.items():
+    for stage, directory in job.finished.items() if place is None else ():  # a sweep ends with one table of all jobs
         for table in STAGES[stage].shown(directory):
             console.print(table)
     if "report" in job.finished:

@@ -49,7 +49,8 @@ Beside walkers that learned nothing (docs/method.md says what they are):
 {nulls}
 ## Limits
 
-- One training each (seed {seed}): other seeds give other gaits; README.md has a table of some.
+- One training each (seed {seed}): other seeds give other gaits; README.md has a table of some. Seeds 0 to 4 were \
+looked at while body, teacher, learner and discriminator were chosen, so no number above is of a held-out seed.
 - For the settings above alone: {speed} m/s, this body, this actuation, flat ground. The student was trained with no \
 disturbance; `python -m romgrl stage=robustness student=pretrained` measures what it takes.
 - Held in the sagittal plane, in simulation. Not made for a robot, and no evidence about human gait or health.

@@ -1,4 +1,4 @@
-"""Fall rate under disturbances. Student blue, baseline orange."""
+"""Fall rate under disturbances. Student blue, baseline orange, what stands in the student's place in other colours."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 
-from romgrl.report.style import COLORS, INK, WALKER_LABELS, dress, new_figure
+from romgrl.report.style import COLORS, INK, OTHERS, WALKER_LABELS, dress, new_figure
 
 TITLES = {
     "push_forward": ("push forward", "impulse per body mass [N s/kg]"),
@@ -38,9 +38,10 @@ def fall_rates(table: pd.DataFrame, speed: float, bands: str = "95% intervals") 
 
 
 def _curves(axes: Axes, rows: pd.DataFrame) -> None:
-    for walker in ("baseline", "student"):
+    walkers = rows.walker.unique()
+    colors = COLORS | dict(zip((name for name in walkers if name not in COLORS), OTHERS, strict=False))
+    for walker in walkers:
         own = rows[rows.walker == walker].sort_values("level")
-        axes.fill_between(own.level, own.low, own.high, color=COLORS[walker], alpha=0.18, linewidth=0)
-        axes.plot(
-            own.level, own.fall_rate, color=COLORS[walker], linewidth=1.6, marker="o", ms=3, label=WALKER_LABELS[walker]
-        )
+        label, color = WALKER_LABELS.get(walker, walker), colors[walker]
+        axes.fill_between(own.level, own.low, own.high, color=color, alpha=0.18, linewidth=0)
+        axes.plot(own.level, own.fall_rate, color=color, linewidth=1.6, marker="o", ms=3, label=label)

@@ -10,10 +10,19 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 TEACHER, STUDENT, BASELINE = "#009e73", "#0072b2", "#d55e00"  # Okabe and Ito 2008: told apart by colour-blind eyes
+OTHERS = (
+    "#cc79a7",
+    "#e69f00",
+    "#56b4e9",
+    "#f0e442",
+    "#000000",
+    "#999999",
+    "#7b5ea7",
+)  # what stands in the student's place
 COLORS = {"teacher": TEACHER, "student": STUDENT, "baseline": BASELINE}
 WALKER_LABELS = {
     "teacher": "teacher (reduced-order model)",
-    "student": "student (ROM-GRL)",
+    "student": "student",
     "baseline": "baseline (reward only)",
 }
 CHANNEL_LABELS = {

@@ -16,17 +16,20 @@ from romgrl.report.numbers import significant
 from romgrl.report.style import CHANNEL_LABELS
 from romgrl.report.tables import markdown
 from romgrl.results.claims import TOO_FEW
-from romgrl.results.exact_tests import holm, paired_p
+from romgrl.results.exact_tests import holm, paired_p, unpaired_p
 from romgrl.results.seed_groups import held_out_or_all, seeds_told
 from romgrl.results.statistics import FEWEST_SEEDS, Summary, summarize
 from romgrl.results.sweep_cells import SEED_KEY, JobResult
 from romgrl.results.sweep_record import Sweep
-from romgrl.results.text_table import mean_text
+from romgrl.results.text_table import BRACKETS, mean_text
 
 FAIR, KEY = "fair", "comparison"  # the sweep, and what its jobs differ in
-STUDENT, WITHOUT_IMITATION = "student", "same_choice"
+STUDENT, BASELINE, WITHOUT_IMITATION = "student", "baseline", "same_choice"
 NUMBERS_FILE = "against_student.csv"
-ROWS = {**CHANNEL_LABELS, AVERAGE: "mean"}
+SAID = (
+    f"Error over variance, mean of the channels (a statue has 1); {BRACKETS}. Exact one-sided p that the student's is "
+    "smaller, of the mean (Holm's: over the walkers), and the largest of any channel; against_student.csv has all."
+)
 
 
 @dataclass(frozen=True)
@@ -42,29 +45,65 @@ class PairedErrors:
     difference: Summary
     without: tuple[int, int]
     p: float
+    p_unpaired: float
     p_holm: float = math.nan
 
 
 def write_against_student(sweep: Sweep, found: Sequence[JobResult], directory: Path) -> list[str]:
-    """Write against_student.csv; returns a table for each walker, and what imitation alone is worth if it is known."""
+    """Write against_student.csv; returns a table of all walkers, and what imitation alone is worth if it is known."""
     text, rows = [], []
     for other, walkers in by_walker(found).items() if sweep.name == FAIR else ():
-        heading = f", {other}" if other else ""
         student = walkers.get(STUDENT, {})
-        for name, jobs in walkers.items():
-            seeds = [] if name == STUDENT else shared_seeds(student, jobs)
-            if seeds:
-                pairs = paired_errors(student, jobs, seeds)
-                rows += [
-                    {KEY: name, "other": other, **numbers_of(pair), "seeds": " ".join(map(str, seeds))}
-                    for pair in pairs
-                ]
-                said = f"Error over variance, {seeds_told(seeds)}; p: that the student's is smaller"
-                text += [f"### student and {name}{heading}", "", f"{said}:", "", markdown(shown_pairs(pairs, name))]
+        compared = {
+            name: (seeds, paired_errors(student, jobs, seeds, BASELINE if name == BASELINE else STUDENT))
+            for name, jobs in {**walkers, BASELINE: student}.items()
+            if name != STUDENT and (seeds := shared_seeds(student, jobs))
+        }
+        for name, (seeds, pairs) in compared.items():
+            known = {KEY: name, "other": other}
+            rows += [{**known, **numbers_of(pair), "seeds": " ".join(map(str, seeds))} for pair in pairs]
+        if compared:
+            text += [f"### In the student's place{f', {other}' if other else ''}", "", SAID, ""]
+            text += [markdown(walkers_table(walkers, compared))]
         text += worth_of_imitation(walkers)
     if rows:
         pd.DataFrame(rows).to_csv(directory / NUMBERS_FILE, index=False)
     return text
+
+
+def walkers_table(
+    walkers: Mapping[str, Mapping[int, JobResult]], compared: Mapping[str, tuple[Sequence[int], Sequence[PairedErrors]]]
+) -> pd.DataFrame:
+    """One row per walker, the student first: errors, falls, how surely the student's errors are smaller."""
+    student = walkers[STUDENT]
+    own = held_out_or_all(sorted(student), lambda seed: seed)
+    first = {channel: summarize(errors(student, channel, own)) for channel in (*CHANNELS, AVERAGE)}
+    rows = [row_of(STUDENT, first, summarize(fall_shares(student, own, STUDENT)), own)]
+    corrected = holm([pairs[-1].p for _, pairs in compared.values()])
+    for (name, (seeds, pairs)), p_holm in zip(compared.items(), corrected, strict=True):
+        jobs, column = (student, BASELINE) if name == BASELINE else (walkers[name], STUDENT)
+        row = row_of(
+            name, {pair.channel: pair.walker for pair in pairs}, summarize(fall_shares(jobs, seeds, column)), seeds
+        )
+        row["student minus it"] = mean_text(pairs[-1].difference)
+        row["p, paired"], row["Holm's"] = significant(pairs[-1].p), significant(p_holm)
+        row["p, unpaired"] = significant(pairs[-1].p_unpaired)
+        row["its largest of a channel"] = significant(float(np.max([pair.p_unpaired for pair in pairs])))
+        row["without, student and it"] = f"{pairs[-1].without[0]} and {pairs[-1].without[1]}"
+        rows.append(row)
+    return pd.DataFrame(rows).fillna("")
+
+
+def row_of(name: str, errors: Mapping[str, Summary], fallen: Summary, seeds: Sequence[int]) -> dict[str, str]:
+    """What the table says of any walker."""
+    worst = max(CHANNELS, key=lambda channel: errors[channel].mean)
+    return {
+        "walker": name,
+        "seeds": ", ".join(map(str, seeds)),
+        "error over variance": mean_text(errors[AVERAGE]),
+        "largest channel": f"{significant(errors[worst].mean)} ({CHANNEL_LABELS[worst]})",
+        "falls [%]": mean_text(fallen),
+    }
 
 
 def by_walker(found: Sequence[JobResult]) -> dict[str, dict[str, dict[int, JobResult]]]:
@@ -85,17 +124,18 @@ def shared_seeds(ours: Mapping[int, JobResult], theirs: Mapping[int, JobResult])
 
 
 def paired_errors(
-    student: Mapping[int, JobResult], other: Mapping[int, JobResult], seeds: Sequence[int]
+    student: Mapping[int, JobResult], other: Mapping[int, JobResult], seeds: Sequence[int], column: str = STUDENT
 ) -> list[PairedErrors]:
     """Channel by channel, and their mean; no p where the student lacks an error in a seed."""
     pairs = []
     for channel in (*CHANNELS, AVERAGE):
-        every = [errors(jobs, channel, seeds) for jobs in (student, other)]
+        every = [errors(student, channel, seeds), errors(other, channel, seeds, column)]
         without = sum(map(math.isnan, every[0])), sum(map(math.isnan, every[1]))
         ours, theirs = both_known(*every)
-        p = math.nan if without[0] else paired_p([-value for value in ours], [-value for value in theirs])
+        smaller = [-value for value in ours], [-value for value in theirs]
+        tests = (math.nan, math.nan) if without[0] else (paired_p(*smaller), unpaired_p(*smaller))
         difference = summarize(np.subtract(ours, theirs).tolist())
-        pairs.append(PairedErrors(channel, summarize(ours), summarize(theirs), difference, without, p))
+        pairs.append(PairedErrors(channel, summarize(ours), summarize(theirs), difference, without, *tests))
     corrected = holm([pair.p for pair in pairs[:-1]])
     return [replace(pair, p_holm=p) for pair, p in zip(pairs, [*corrected, math.nan], strict=True)]
 
@@ -114,31 +154,22 @@ def numbers_of(pair: PairedErrors) -> dict[str, object]:
         "student_without": pair.without[0],
         "walker_without": pair.without[1],
         "p_paired": pair.p,
+        "p_unpaired": pair.p_unpaired,
         "p_holm": pair.p_holm,
     }
 
 
-def shown_pairs(pairs: Sequence[PairedErrors], name: str) -> pd.DataFrame:
-    """The same to be read."""
-    return pd.DataFrame(
-        {
-            "channel": ROWS[pair.channel],
-            "student": mean_text(pair.student),
-            name: mean_text(pair.walker),
-            "student minus it": mean_text(pair.difference),
-            "pairs": len(pair.difference.values),
-            "without, student and it": f"{pair.without[0]} and {pair.without[1]}",
-            "p, paired": significant(pair.p),
-            "p, Holm over channels": significant(pair.p_holm),
-        }
-        for pair in pairs
-    )
+def errors(jobs: Mapping[int, JobResult], channel: str, seeds: Sequence[int], column: str = STUDENT) -> list[float]:
+    """The error over variance of a channel, or of all, in each seed; nan where there is none.
+
+    column: student, as whatever stands in its place is called, or baseline.
+    """
+    return [jobs[seed].numbers.get(f"{OVER_VARIANCE}/{channel}/{column}", math.nan) for seed in seeds]
 
 
-def errors(jobs: Mapping[int, JobResult], channel: str, seeds: Sequence[int]) -> list[float]:
-    """The error over variance of a channel, or of all, in each seed; nan where there is none."""
-    name = f"{OVER_VARIANCE}/{channel}/{STUDENT}"  # whatever stands in the student's place is called so
-    return [jobs[seed].numbers.get(name, math.nan) for seed in seeds]
+def fall_shares(jobs: Mapping[int, JobResult], seeds: Sequence[int], column: str) -> list[float]:
+    """Per cent of the episodes that end in a fall, in each seed."""
+    return [jobs[seed].numbers.get(f"{column}/falls_percent", math.nan) for seed in seeds]
 
 
 def both_known(ours: Sequence[float], theirs: Sequence[float]) -> tuple[list[float], list[float]]:

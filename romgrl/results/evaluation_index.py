@@ -80,10 +80,9 @@ def read_evaluation(directory: Path, known: Catalogue) -> FinishedEvaluation:
 
 
 def errors_by_channel(evaluation: Path) -> dict[str, float]:
-    """The errors over variance of student, baseline and teacher, as error_over_variance/pelvis_y/student."""
+    """The errors over variance of all walkers, as error_over_variance/pelvis_y/student."""
     rows = (row for row in read_rows(evaluation / "null_models.csv") if row["measure"] == OVER_VARIANCE)
-    own = (row for row in rows if row["walker"] in ("teacher", "student", "baseline"))
-    found = {f"{OVER_VARIANCE}/{row['channel']}/{row['walker']}": number(row["value"]) for row in own}
+    found = {f"{OVER_VARIANCE}/{row['channel']}/{row['walker']}": number(row["value"]) for row in rows}
     return {name: value for name, value in found.items() if math.isfinite(value)}
 
 

@@ -23,6 +23,7 @@ from romgrl.results.sweep_cells import JobResult, by_cell, results, seed_of
 from romgrl.results.sweep_record import Sweep, settings, sweeps
 from romgrl.results.sweep_tables import failures, write_tables
 from romgrl.results.verify import baseline_sheet, errors_sheet, plural, warnings
+from romgrl.results.walker_sheets import gait_sheet, nulls_sheet
 
 PAPER = "paper"
 CLAIMED = (PAPER, "walking")  # the sweeps whose cells the claims are compared with
@@ -209,7 +210,8 @@ def claim_tables(evaluations: list[FinishedEvaluation], directory: Path, ending:
     """Claims, errors, spread of the baseline and warnings; each table as CSV, too, its name with this ending."""
     of = evaluations[0].settings
     findings = [finding_of(claim, evaluations) for claim in claims_for(of, read_claims())]
-    sheets = [*claim_sheets(findings, evaluations), errors_sheet(evaluations), baseline_sheet(evaluations)]
+    walkers = nulls_sheet(evaluations), gait_sheet(evaluations)
+    sheets = [*claim_sheets(findings, evaluations), *walkers, errors_sheet(evaluations), baseline_sheet(evaluations)]
     text = []
     for sheet in sheets:
         if sheet.rows:

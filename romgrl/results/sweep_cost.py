@@ -20,7 +20,7 @@ BEST = 5
 REDUCTION, ERROR = "average/aligned/reduction_percent", "average/aligned/student"
 BEST_COLUMNS = {
     REDUCTION: "reduction [%]",
-    ERROR: "error, ROM-GRL [m²]",
+    ERROR: "error, student [m²]",
     "weakest/aligned/reduction_percent": "weakest channel [%]",
     "student/falls_percent": "falls [%]",
     "student/steady_speed_m_per_s": "speed [m/s]",

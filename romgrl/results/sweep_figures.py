@@ -20,9 +20,10 @@ from romgrl.results.sweep_cells import SEED_KEY, of_students
 
 Keys = tuple[str, ...]
 
+OVER_VARIANCE_PANEL = "error over variance (a statue has 1)"  # of some walkers a hundred times that of others
 SWEEP_PANELS = {
+    OVER_VARIANCE_PANEL: {"student": "student/error_over_variance", "baseline": "baseline/error_over_variance"},
     "reduction of the aligned error [%]": {"average": "average/aligned/reduction_percent"},
-    "reduction of the weakest channel [%]": {"weakest": "weakest/aligned/reduction_percent"},
     "aligned error, average [m²]": {"student": "average/aligned/student", "baseline": "average/aligned/baseline"},
     "episodes with a fall [%]": {"student": "student/falls_percent", "baseline": "baseline/falls_percent"},
     "steady speed [m/s]": {"student": "student/steady_speed_m_per_s", "baseline": "baseline/steady_speed_m_per_s"},
@@ -31,6 +32,7 @@ SWEEP_PANELS = {
         "student": "student/stride_frequency_hz",
         "baseline": "baseline/stride_frequency_hz",
     },
+    "reduction of the weakest channel [%]": {"weakest": "weakest/aligned/reduction_percent"},
     "distance from the teacher (MMD)": {"student": "mmd/all/student", "baseline": "mmd/all/baseline"},
     "trunk lean [deg]": {"student": "student/trunk_lean_deg", "baseline": "baseline/trunk_lean_deg"},
 }  # of those with numbers the first six are drawn
@@ -101,6 +103,7 @@ def against(
         spare.set_visible(False)
     for axes, (label, measures) in zip(plots, panels.items(), strict=False):
         dress(axes, title=label, xlabel=key)
+        axes.set_yscale("log" if label == OVER_VARIANCE_PANEL else "linear")
         for (who, measure), (index, line) in product(measures.items(), enumerate(lines)):
             chosen = dict(zip(others, line, strict=False))
             several = len(lines) > 1

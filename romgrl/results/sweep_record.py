@@ -19,6 +19,16 @@ from romgrl.errors import ArtifactError
 SWEEP_VARIABLE = "ROMGRL_SWEEP"  # directory of the sweep, for its jobs
 SWEEP, JOBS, RESULTS = "sweep.json", "jobs.jsonl", "results"
 UNFINISHED = "did not end"
+END_KINDS = {"overrides": list, "artifacts": dict, "seconds": float | int}
+SWEEP_KINDS = {
+    "name": str,
+    "command": str,
+    "jobs": list,
+    "machine": dict,
+    "started": float | int,
+    "usual": dict,
+    "trials": int,
+}
 HOW = ("hydra", "paths", "tracking", "threads", "device", "parallel_stages", "checkpoint_seconds", "stage", "objective")
 
 
@@ -127,11 +137,30 @@ def read_sweep(directory: Path) -> Sweep:
     """A sweep from its directory. Raises ArtifactError where its files are not what was written."""
     try:
         document = json.loads((directory / SWEEP).read_text(encoding="utf-8"))
+        check_kinds(document, SWEEP_KINDS)
+        for job in document["jobs"]:
+            check_overrides(job)
         path = directory / JOBS
         lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
         return Sweep(directory=directory, **document, ends=[read_end(line) for line in map(whole_line, lines) if line])
-    except (OSError, ValueError, TypeError) as error:
+    except (OSError, KeyError, TypeError, ValueError) as error:
         raise ArtifactError(f"{directory / SWEEP}: cannot be read: {error}") from error
+
+
+def check_kinds(document: Mapping[str, Any], kinds: Mapping[str, Any]) -> None:
+    """Raise TypeError unless what was read is a mapping whose values are of these kinds; missing ones are left out."""
+    if not isinstance(document, dict):
+        raise TypeError(f"{document!r} is no mapping")
+    known = {name: kind for name, kind in kinds.items() if name in document}
+    wrong = [f"{name} {document[name]!r}" for name, kind in known.items() if not isinstance(document[name], kind)]
+    if wrong:
+        raise TypeError(f"{', '.join(wrong)}: not what a sweep writes there")
+
+
+def check_overrides(job: Any) -> None:
+    """Raise TypeError unless a job is a list of overrides."""
+    if not isinstance(job, list) or not all(isinstance(text, str) for text in job):
+        raise TypeError(f"{job!r} is no list of overrides")
 
 
 def whole_line(line: str) -> dict[str, Any] | None:
@@ -144,7 +173,9 @@ def whole_line(line: str) -> dict[str, Any] | None:
 
 
 def read_end(document: Mapping[str, Any]) -> JobEnd:
-    """A line of jobs.jsonl."""
+    """A line of jobs.jsonl. Raises TypeError."""
+    check_kinds(document, END_KINDS)
+    check_overrides(document.get("overrides"))
     return JobEnd(**document)
 
 

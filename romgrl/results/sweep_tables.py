@@ -32,7 +32,7 @@ TABLE_COLUMNS = {
     "average/aligned/reduction_percent": "reduction [%]",
     "weakest/aligned/reduction_percent": "weakest channel [%]",
     "student/error_over_variance": "error over variance",
-    "average/aligned/student": "error, ROM-GRL [m²]",
+    "average/aligned/student": "error, student [m²]",
     "average/aligned/baseline": "error, baseline [m²]",
     "average/raw/reduction_percent": "reduction, raw [%]",
     "student/falls_percent": "falls [%]",

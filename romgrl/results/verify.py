@@ -18,6 +18,7 @@ from romgrl.results.evaluation_index import FinishedEvaluation, Selection, codes
 from romgrl.results.seed_groups import CHOSEN_SEEDS, HELD_OUT, group_of, held_out_or_all, seeds_told
 from romgrl.results.statistics import FEWEST_SEEDS, summarize
 from romgrl.results.text_table import BRACKETS, Sheet, mean_text, middle_text, with_interval
+from romgrl.results.walker_sheets import gait_sheet, nulls_sheet
 
 WILD = 0.5  # coefficient of variation of the baseline's error over seeds from which a reduction says little
 LISTED = 10  # reasons why evaluations are left out
@@ -44,6 +45,7 @@ def verify(config: Config, command: Sequence[str]) -> list[str | Sheet]:
         lines += claim_sheets(findings, counted)
     else:
         lines.append(f"no claim is made about {config.speed:g} m/s")
+    lines += [nulls_sheet(counted), gait_sheet(counted)]
     lines += [errors_sheet(counted), baseline_sheet(counted), *warnings(counted)]
     if any(finding.verdict == TOO_FEW for finding in findings) and not one_seed:
         lines.append(f"more seeds: {making}")
@@ -97,7 +99,7 @@ def errors_sheet(evaluations: Sequence[FinishedEvaluation]) -> Sheet:
                 significant(comparison.unpaired),
             )
             rows.append(row)
-    columns = ("channel", "baseline", "ROM-GRL", "teacher", "reduction %", "IQM of it %", "P(improvement)")
+    columns = ("channel", "baseline", "student", "teacher", "reduction %", "IQM of it %", "P(improvement)")
     title = f"Error against the reference, mean over seeds (m²); {BRACKETS}; exact one-sided p, uncorrected"
     return Sheet(title, (*columns, "p, paired", "p, unpaired"), rows, ("channel",), file="errors")
 

@@ -178,8 +178,10 @@ class SweepCallback(Callback):
         except (RomgrlError, OSError) as error:
             print(f"sweep: no tables and figures: {error}", file=sys.stderr)
             return [getattr(error, "exit_code", StorageError.exit_code)]
+        text = (directory / TABLE_FILE).read_text(encoding="utf-8")
         self._run.artifacts(directory)
-        self._run.describe((directory / TABLE_FILE).read_text(encoding="utf-8"))
+        self._run.describe(text)
+        print(text.partition("\n## ")[0])  # without the best jobs and the cost
         print(f"sweep: tables and figures of all jobs: {directory}", flush=True)
         return []
 

@@ -12,15 +12,22 @@ from romgrl.artifacts import write_manifest
 from romgrl.results.__main__ import main
 from romgrl.results.sweep_record import SWEEP_VARIABLE, JobEnd, note_end, write_sweep
 
-RATES = {0: [0.0, 0.1, 0.9], 1: [0.0, 0.3, 1.0], 5: [0.0, 0.5, 1.0]}  # of the students of seeds at three levels
+RATES = {
+    0: [0.0, 0.1, 0.9],
+    1: [0.0, 0.3, 1.0],
+    5: [0.0, 0.5, 1.0],
+    6: [0.0, 0.8, 1.0],
+}  # of the students of seeds at three levels
 SHARES = {"mass": [0.8, 1.2], "friction": [0.8, 1.2]}
-MULTIPLIERS = {0: 0.4, 1: 1.1, 5: 0.5}
+MULTIPLIERS = {0: 0.4, 1: 1.1, 5: 0.5, 6: 0.4}
 
 
-def disturbed(directory: Path, seed: int) -> None:
+def disturbed(directory: Path, rates: int, seed: int | None = None) -> None:
     """A robustness artifact: the baseline always falls, the student as RATES say, never from another mass or ground."""
     directory.mkdir(parents=True)
-    pushes = [("push_forward", "N s/kg", level, rate) for level, rate in zip([0.0, 0.3, 0.6], RATES[seed], strict=True)]
+    pushes = [
+        ("push_forward", "N s/kg", level, rate) for level, rate in zip([0.0, 0.3, 0.6], RATES[rates], strict=True)
+    ]
     others = [(name, "share", level, 0.0) for name, levels in SHARES.items() for level in levels]
     rows = [
         {"perturbation": name, "unit": unit, "level": level, "walker": walker, "trials": 100, "fall_rate": rate}
@@ -28,7 +35,7 @@ def disturbed(directory: Path, seed: int) -> None:
         for walker, rate in (("student", student), ("baseline", 1.0))
     ]
     pd.DataFrame(rows).to_csv(directory / "robustness.csv", index=False)
-    value = MULTIPLIERS[seed]
+    value = MULTIPLIERS[rates]
     orbit = {"rank": 1, "modulus": value, "low": value - 0.1, "high": value + 0.1}
     pd.DataFrame([orbit]).to_csv(directory / "floquet.csv", index=False)
     write_manifest(
@@ -40,7 +47,7 @@ def disturbed(directory: Path, seed: int) -> None:
         versions={},
         revision=None,
         dirty=False,
-        seed=seed,
+        seed=rates if seed is None else seed,
         wall_time=1.0,
     )
 
@@ -96,5 +103,20 @@ def test_held_out_seeds_are_drawn_alone(outputs: Path) -> None:
 def test_artifacts_that_are_gone_are_left_out(outputs: Path) -> None:
     (outputs / "artifacts" / "robustness" / "1").rename(outputs / "moved")
     assert main([str(outputs), str(outputs / "docs")]) == 0
+    table = pd.read_csv(outputs / "docs" / "results" / "robustness_fall_rates.csv")
+    assert set(table.trials) == {100}
+
+
+def test_what_stands_in_the_students_place_is_another_walker(outputs: Path) -> None:
+    """The baseline, which all of them share, is the one beside the student."""
+    disturbed(outputs / "artifacts" / "robustness" / "same", 6, seed=0)
+    jobs = [["comparison=student", "seed=0"], ["comparison=same_resets", "seed=0"]]
+    write_sweep(outputs / "sweeps" / "a", "robustness", "", jobs, machine={}, started=1.0, usual={})
+    for job, name in zip(jobs, ("0", "same"), strict=True):
+        note_end(JobEnd(job, {"robustness": f"/elsewhere/robustness/{name}"}))
+    assert main([str(outputs), str(outputs / "docs")]) == 0
+    text = (outputs / "docs" / "results.md").read_text(encoding="utf-8")
+    assert "| disturbance | level | unit | student | same_resets | baseline |" in text
+    assert "| push forward | 0.3 | N s/kg | 10 % | 80 % | 100 % |" in text
     table = pd.read_csv(outputs / "docs" / "results" / "robustness_fall_rates.csv")
     assert set(table.trials) == {100}

@@ -50,3 +50,25 @@ def test_a_line_that_was_cut_is_a_job_that_did_not_end(tmp_path: Path, monkeypat
     (directory / "sweep.json").write_text('{"name"', encoding="utf-8")
     with pytest.raises(ArtifactError, match=r"sweep\.json: cannot be read"):
         sweeps(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("file", "text", "named"),
+    [
+        ("sweep.json", "[]", r"\[\] is no mapping"),
+        ("sweep.json", '{"name": 1}', "name 1"),
+        ("sweep.json", '{"name": "a", "started": "now"}', "started 'now'"),
+        ("sweep.json", '{"name": "a", "jobs": ["seed=0"]}', "'seed=0' is no list"),
+        ("sweep.json", '{"name": "a"}', "jobs"),
+        ("jobs.jsonl", '{"overrides": "seed=0"}', "overrides 'seed=0'"),
+        ("jobs.jsonl", '{"overrides": [0]}', r"\[0\] is no list"),
+        ("jobs.jsonl", '{"overrides": ["seed=0"], "artifacts": ["/a"]}', r"artifacts \['/a'\]"),
+        ("jobs.jsonl", '{"error": "lost"}', "None is no list of overrides"),
+    ],
+)
+def test_other_content_is_refused(file: str, text: str, named: str, tmp_path: Path) -> None:
+    directory = tmp_path / "sweeps" / "a"
+    write_sweep(directory, "fair", "", [["seed=0"]], machine={}, started=0.0, usual={})
+    (directory / file).write_text(text, encoding="utf-8")
+    with pytest.raises(ArtifactError, match=f"cannot be read: .*{named}"):
+        sweeps(tmp_path)

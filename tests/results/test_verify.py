@@ -89,6 +89,22 @@ def test_claim_by_claim(verify: Composer, tmp_path: Path) -> None:
     error = cells(row(text, "average, aligned"))
     assert error[1:4] == ["0.1", "0.012", "0.002"]
     assert error[6:] == ["1", "0.0312", "0.00397"]
+    nulls = cells(row(text, "error over variance, mean"))
+    assert nulls[1:] == [
+        "0.04 [0.04, 0.04]",
+        "-",
+        "-",
+        "0.24 [0.216, 0.264]",
+        "-",
+        "-",
+        "2 [2, 2]",
+    ]  # teacher, student and baseline, over 0.05 m²
+    assert cells(row(text, "stride frequency [Hz]"))[1:] == [
+        "1.5 [1.5, 1.5]",
+        "1.62 [1.62, 1.62]",
+        "1.5 [1.5, 1.5]",
+        "1.35 to 1.6",
+    ]
     assert row(text, "strides as often as the teacher").rstrip("│ ").endswith("not reached")  # 1.62 Hz against 1.5
     for claim in ("average reduction of 80 %", "average reduction surely above 66 %", "no fall", "mean speed"):
         assert row(text, claim).rstrip("│ ").endswith("│ reached")

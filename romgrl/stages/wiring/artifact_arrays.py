@@ -38,6 +38,8 @@ def read_reference(directory: Path, config: Config, *, steps: int = 1) -> Arrays
     for name in ("velocity", *POWERS):
         if name in arrays:
             require_array(path, arrays, name, np.float32, (length,))
+    if "falls" in arrays:
+        require_array(path, arrays, "falls", np.float32, ())
     if "contact" in arrays:
         require_array(path, arrays, "contact", np.bool_, (length, 2))
     longest = max((stop - start for start, stop in episode_bounds(arrays["episode"])), default=0) if length else 0

@@ -9,7 +9,7 @@ import numpy as np
 from romgrl.config.schema import Config
 from romgrl.errors import ArtifactError
 from romgrl.gait.features import gait_from_reference
-from romgrl.gait.metrics import stride_frequency
+from romgrl.gait.metrics import steady_steps, stride_frequency
 from romgrl.gait.null_models import sinusoids
 from romgrl.stages.wiring.artifact_arrays import Arrays, read_reference
 
@@ -26,7 +26,7 @@ def read_imitated(directory: Path, config: Config, *, steps: int = 1) -> Arrays:
 def first_harmonics(directory: Path, arrays: Arrays) -> Arrays:
     """A reference of as many episodes, each as long as the longest, without contacts and speeds."""
     gait = gait_from_reference(arrays)
-    cadence = stride_frequency(gait.features, gait.dt, gait.valid)
+    cadence = stride_frequency(gait.features, gait.dt, steady_steps(gait.valid, gait.dt))
     if not cadence > 0:
         raise ArtifactError(f"{directory}: no strides; discriminator.imitated=sinusoid needs their cadence")
     episodes = sinusoids(gait.upright_episodes, gait.dt, cadence, gait.valid.shape[1])
