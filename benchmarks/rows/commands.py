@@ -62,9 +62,9 @@ def reused_run(options: Options) -> Result:
 def tracking_share(options: Options) -> Result:
     """The default teacher's training time with MLflow and without, in turn; the store is there before.
 
-    A stage of a minute; five alternations instead of seven, as each takes two of them.
+    A stage of a minute; three alternations instead of seven, as each takes two of them.
     """
-    steps, repeats = options.scaled(1_500_000), min(options.repeats, 5)
+    steps, repeats = options.scaled(1_500_000), min(options.repeats, 3)
     seeds = iter(range(10_000))
 
     with tempfile.TemporaryDirectory() as directory:
