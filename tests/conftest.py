@@ -22,12 +22,6 @@ from tests.helpers.limits import PATIENCE
 Composer = Callable[..., Config]
 
 
-@pytest.fixture(scope="session", autouse=True)
-def listen_to_the_end_of_a_terminal() -> None:
-    """Jobs that tests start inherit what is ignored: below nohup they would go on after a SIGHUP, and rightly."""
-    signal.signal(signal.SIGHUP, signal.SIG_DFL)
-
-
 @pytest.fixture(autouse=True)
 def signals_as_before() -> Iterator[None]:
     """A job that a test ran in this process leaves no signal unanswered for the next one."""

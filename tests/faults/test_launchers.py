@@ -122,7 +122,9 @@ def test_joblib_trains_what_jobs_share_once(tmp_path: Path) -> None:
     made = [line.split()[0] for line in trainings(tmp_path)]
     print(f"2 jobs side by side: {len(made)} trainings, {made.count('teacher')} of it the teacher they share")
     assert made == ["reference", "student", "student", "teacher"]
-    lines = [line for line in out.splitlines() if not line.startswith("sweep: ")]
+    told, _, table = out.partition("\n# ")  # at the end one table of all jobs
+    lines = [line for line in told.splitlines() if not line.startswith("sweep: ")]
+    assert table.startswith("sweep over speed")
     assert out.splitlines()[0] == "sweep: 2 jobs, 2 at once"
     assert {re.match(r"\[speed=[14]\] ", line) is not None for line in lines} == {True}
     students = [
