@@ -147,6 +147,10 @@ class Student:
         "slow, or speed and cadence are off together; down where the cadence or a speed that is too high is off alone; "
         "not below a value that rises to 0.5"
     )
+    second_try: bool = key(
+        "true: a student that has passed no check, and from 0.6 of its steps on is no nearer to the reference than a "
+        "statue, makes the steps from 0.32 on again, once; not where minutes are set"
+    )
     kept_policy: str = key(
         "which check's policy is kept, reference: the one nearest to the reference at the right speed; task_reward: "
         "that of the largest reward for its speed; last: the last one",

@@ -26,7 +26,7 @@ def stage_config(stage: str, config: Config) -> Config:
     """The configuration that a stage sees: without imitation for the baseline and where there is no discriminator."""
     if stage == "baseline" or not config.discriminator.enabled:
         silent = replace(config.discriminator, enabled=False, features="paper", window=1, stride=1, reward="recomputed")
-        student = replace(config.student, reference_resets=0.0, adapt_eta=False, end_early=False)
+        student = replace(config.student, reference_resets=0.0, adapt_eta=False, end_early=False, second_try=False)
         if stage == "baseline":
             student = replace(student, posture_weight=0.0, kept_policy="task_reward")
         return replace(config, eta=1.0, noise=0.0, discriminator=silent, student=student)

@@ -49,9 +49,23 @@ def test_without_minutes_no_clock_is_read(monkeypatch: pytest.MonkeyPatch) -> No
     budget = Budget(1000)
     monkeypatch.setattr(budget_module.time, "monotonic", lambda: pytest.fail("a clock was read"))
     budget.tick()
-    assert budget.state() == {"elapsed": 0.0, "total": 1000}
+    assert budget.state() == {"elapsed": 0.0, "total": 1000, "again": 0}
     assert (budget.share(250), budget.expected_steps(250)) == (0.25, 1000)
     assert [budget.reached(step) for step in (999, 1000)] == [False, True]
+
+
+def test_steps_that_are_made_again_do_not_count() -> None:
+    budget = Budget(1000)
+    budget.go_back(700, 0.3)
+    assert budget.again == 400
+    assert (budget.share(700), budget.share(900), budget.expected_steps(900)) == (0.3, 0.5, 1400)
+    assert [budget.reached(step) for step in (1399, 1400)] == [False, True]
+    assert [budget.reached(step, 0.5) for step in (899, 900)] == [False, True]
+    other = Budget(1000)
+    other.restore(budget.state())
+    assert other.state() == budget.state()
+    budget.begin_second_half(800)
+    assert [budget.reached(step) for step in (1199, 1200)] == [False, True]
 
 
 def test_minutes_decide_as_steps_do(
@@ -59,7 +73,11 @@ def test_minutes_decide_as_steps_do(
 ) -> None:
     """Where each pass takes a second, 150 seconds give the bits of 150 passes, also where they are interrupted."""
     recorder = Recorder(monkeypatch)
-    train("student", training("student", compose_config, "student.total_steps=1200"), tmp_path / "steps")
+    train(
+        "student",
+        training("student", compose_config, "student.total_steps=1200", "student.second_try=false"),
+        tmp_path / "steps",
+    )
     by_steps = files(tmp_path / "steps")
     recorder.again()
     config = training("student", compose_config, *BY_MINUTES)

@@ -28,10 +28,10 @@ CHANGED = {
     "no_resets": {"student.reference_resets": 0.0},
     "no_trunk": {"discriminator.features": "paper"},
     "same_choice": {"eta": 1.0},
-    "same_resets": {"eta": 1.0, "student.end_early": False},
+    "same_resets": {"eta": 1.0, "student.end_early": False, "student.second_try": False},
     "sinusoid": {"discriminator.imitated": "sinusoid"},
     "student": {},
-    "upright": {"eta": 1.0, "student.end_early": False, "student.posture_weight": 0.25},
+    "upright": {"eta": 1.0, "student.end_early": False, "student.second_try": False, "student.posture_weight": 0.25},
 }
 CHANGED["same_resets"] |= {"student.kept_policy": "task_reward"}
 CHANGED["upright"] |= {"student.kept_policy": "task_reward"}

@@ -249,6 +249,7 @@ def test_the_policy_file_is_the_best_and_a_check_leaves_the_training_as_it_is(
     monkeypatch.setattr(student, "build_student_learner", lambda *a: kept.append(build(*a)) or kept[-1])
     inputs = {"reference": write_reference(tmp_path / "reference")} if stage == "student" else {}
     keys = ["experiment=smoke", "student.total_steps=600", "student.learning_starts=400", "student.adapt_eta=false"]
+    keys += ["student.second_try=false"]
     keys += [] if inputs else ["discriminator=none", "eta=1"]
     for name, interval in (("with", 250), ("without", 0)):
         (tmp_path / name).mkdir()

@@ -23,7 +23,7 @@ from romgrl.gait.metrics import describe
 from romgrl.gait.recording import record
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 from romgrl.runtime.stage_log import StageLog
-from romgrl.stages.training.adapted_eta import ADAPTS_FROM, CADENCE, SPEED, adapted, least_eta
+from romgrl.stages.training.adapted_eta import ADAPTS_FROM, CADENCE, LATE_FROM, SPEED, adapted, least_eta
 from romgrl.stages.training.budget import Budget
 from romgrl.stages.wiring.humanoid import humanoid_env, speed_sensitivity
 from romgrl.stages.wiring.imitated import read_imitated
@@ -32,6 +32,7 @@ from romgrl.stages.wiring.seeds import CHECK_SEED
 EPISODES, STEPS, LONGEST_WINDOW = 16, 300, 100
 FILE = "checks.csv"
 PASSES = 2  # checks in a row after which the gait is the teacher's
+STATUE = 1.0  # error over variance of the teacher's mean pose
 LEAN = 10.0
 """What a student passes with all episodes upright: speed and cadence within SPEED and CADENCE percent of what is asked
 and of the teacher's, trunk lean within so many degrees of upright."""
@@ -119,9 +120,29 @@ class GaitChecks:
             new = adapted(learner.eta, row, fell=row["falls"] > EPISODES / 4)
             learner.eta = max(least_eta(self.config.eta, budget.share(step)), new)
         pd.DataFrame(self.rows).to_csv(self.output / FILE, index=False)
+        if self.is_lost(step, budget):
+            budget.go_back(step, ADAPTS_FROM)
+            learner.eta = min(learner.eta, self.config.eta)
+            self.log.message(
+                f"gait at step {step:,.0f}: no nearer to the teacher's than a statue; {budget.again:,} steps are made "
+                f"again, to {budget.total + budget.again:,}"
+            )
         if self.config.student.end_early and self.passes() >= PASSES and not budget.reached(step, 0.5):
             budget.begin_second_half(step)
-            self.log.message(f"{PASSES} checks in a row passed: the second half begins, to {budget.total:,} steps")
+            end = budget.total + budget.again
+            self.log.message(f"{PASSES} checks in a row passed: the second half begins, to {end:,} steps")
+
+    def is_lost(self, step: int, budget: Budget) -> bool:
+        """Tell whether a student late in a training, for the first time, is no nearer to its teacher than a statue.
+
+        Its stride is another one, or none, and with what is left it would not leave it: the weight of its speed has
+        risen, and learning rates fall.
+        """
+        if not (self.config.student.second_try and self.teacher is not None and self.config.eta < 1):
+            return False
+        late = budget.minutes is None and budget.again == 0 and budget.reached(step, LATE_FROM)
+        passed = any(row["passed"] for row in self.rows)
+        return late and not passed and not self.rows[-1]["error_over_variance"] < STATUE
 
     def tell(self, row: Mapping[str, float]) -> None:
         """Say what is wrong with the gait of a student that does not fall."""

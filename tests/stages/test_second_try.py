@@ -1,0 +1,52 @@
+"""A student that is lost late in a training makes a part of its steps again, once."""
+
+import math
+from pathlib import Path
+
+import pytest
+
+from romgrl.config.schema import Config
+from romgrl.stages.training.budget import Budget
+from tests.stages.test_gait_check import GOOD, Learner, checks
+
+
+@pytest.mark.parametrize(
+    ("errors", "passed", "again"),
+    [
+        ((1.4, 1.4, 1.4, 1.4, 1.4, 1.4), 0, 280),  # at 600 of 1,000 steps it goes back to 320
+        ((1.4, 1.4, 1.4, 1.4, 1.4, math.nan), 0, 280),  # falls too often to have an error
+        ((1.4, 1.4, 1.4, 1.4, 1.4, 0.9), 0, 0),  # nearer than a statue
+        ((1.4, 1.4, 1.4, 0.2, 1.4, 1.4), 1, 0),  # has passed before
+    ],
+)
+def test_a_student_that_is_lost_goes_back_once(
+    smoke_config: Config,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    errors: tuple[float, ...],
+    passed: int,
+    again: int,
+) -> None:
+    smoke_config.student.second_try = True
+    wrong = GOOD | {"cadence_error_percent": 17.0, "speed_error_percent": 4.0, "passed": 0.0}
+    rows = [wrong | {"error_over_variance": error, "passed": float(passed and error < 1)} for error in errors]
+    made = checks(smoke_config, tmp_path, rows + [rows[-1]] * 9, monkeypatch)
+    made.teacher = object()
+    budget, learner = Budget(1000), Learner(0)
+    for step in range(100, 700, 100):
+        made.check_if_due(step, learner, budget)
+    assert budget.again == again
+    assert (learner.eta == pytest.approx(smoke_config.eta)) == bool(again)
+    for step in range(700, 1500, 100):
+        made.check_if_due(step, learner, budget)
+    assert budget.again == again  # not a second time
+    for change in ({"second_try": False}, {"minutes": 1.0}):
+        for key, value in change.items():
+            setattr(smoke_config.student, key, value)
+        made = checks(smoke_config, tmp_path, rows, monkeypatch)
+        made.teacher = object()
+        budget = Budget(1000, smoke_config.student.minutes)
+        for step in range(100, 700, 100):
+            made.check_if_due(step, Learner(0), budget)
+        assert budget.again == 0
+        smoke_config.student.second_try = True
