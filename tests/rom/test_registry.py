@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from romgrl.artifacts import load_arrays
-from romgrl.cli.compose import branches, compose_config, register_schema
+from romgrl.cli.compose import branches, compose_config, conf_loader, register_schema, store_schema
 from romgrl.cli.consistency import misfits
 from romgrl.config import values, worlds
 from romgrl.errors import ConfigurationError
@@ -41,8 +41,9 @@ def pedal(tmp_path: Path) -> Iterator[tuple[str, ...]]:
 
 
 def forget_schema() -> None:
-    values.schema_keys.cache_clear()
-    branches.cache_clear()
+    """All that a process keeps of the keys, lest another test find those of this one."""
+    for kept in (values.schema_keys, branches, store_schema, conf_loader):
+        kept.cache_clear()
 
 
 def worlds_of(name: str, num_envs: int = 4, episode_steps: int = 30) -> RomVectorEnv:
