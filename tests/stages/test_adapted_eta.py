@@ -2,7 +2,7 @@
 
 import pytest
 
-from romgrl.stages.training.adapted_eta import adapted, least_eta
+from romgrl.stages.training.adapted_eta import adapted, another_stride, least_eta
 
 
 def test_the_weight_of_the_task_follows_what_is_wrong() -> None:
@@ -29,3 +29,21 @@ def test_the_weight_of_the_task_follows_what_is_wrong() -> None:
 )
 def test_the_weight_of_the_task_does_not_fall_below(first: float, share: float, least: float) -> None:
     assert least_eta(first, share) == pytest.approx(least)
+
+
+@pytest.mark.parametrize(
+    ("speed", "cadence", "another"),
+    [
+        (0.0, 0.0, False),
+        (0.0, 6.0, True),
+        (10.0, 12.0, False),  # follows from the speed
+        (10.0, 17.0, True),
+        (-4.0, 11.0, True),
+        (-14.5, -10.2, False),
+        (2.0, 5.5, True),
+    ],
+)
+def test_a_cadence_that_does_not_follow_from_the_speed_is_another_stride(
+    speed: float, cadence: float, another: bool
+) -> None:
+    assert another_stride({"speed_error_percent": speed, "cadence_error_percent": cadence}) == another

@@ -27,7 +27,7 @@ def test_a_student_that_is_lost_goes_back_once(
     passed: int,
     again: int,
 ) -> None:
-    smoke_config.student.second_try = True
+    smoke_config.student.second_try, smoke_config.student.adapt_eta = True, False
     wrong = GOOD | {"cadence_error_percent": 17.0, "speed_error_percent": 4.0, "passed": 0.0}
     rows = [wrong | {"error_over_variance": error, "passed": float(passed and error < 1)} for error in errors]
     made = checks(smoke_config, tmp_path, rows + [rows[-1]] * 9, monkeypatch)
@@ -50,3 +50,31 @@ def test_a_student_that_is_lost_goes_back_once(
             made.check_if_due(step, Learner(0), budget)
         assert budget.again == 0
         smoke_config.student.second_try = True
+
+
+def test_a_student_that_is_only_slow_is_not_lost(
+    smoke_config: Config, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its cadence follows from its speed."""
+    slow = {"cadence_error_percent": -10.2, "speed_error_percent": -14.5, "passed": 0.0, "error_over_variance": 1.03}
+    smoke_config.student.second_try = True
+    made = checks(smoke_config, tmp_path, [GOOD | slow] * 6, monkeypatch)
+    made.teacher = object()
+    budget = Budget(1000)
+    for step in range(100, 700, 100):
+        made.check_if_due(step, Learner(0), budget)
+    assert budget.again == 0
+
+
+def test_on_the_second_try_another_stride_has_more_imitation(
+    smoke_config: Config, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Eta may fall to what it was first until the stride is right; on the first try it may not."""
+    smoke_config.student.adapt_eta, smoke_config.eta = True, 0.3
+    other = GOOD | {"cadence_error_percent": 9.0, "speed_error_percent": 0.0, "error_over_variance": 0.9, "passed": 0.0}
+    for again, eta in ((300, 0.35 / 1.1), (0, 0.5)):
+        made = checks(smoke_config, tmp_path, [other], monkeypatch)
+        made.teacher = object()
+        learner = Learner(0)
+        made.check_if_due(900, learner, Budget(1000, again=again))
+        assert learner.eta == pytest.approx(eta)

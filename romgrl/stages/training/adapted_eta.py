@@ -23,14 +23,22 @@ def adapted(eta: float, row: Mapping[str, float], *, fell: bool) -> float:
     A speed that is too high alone is that of the mean action: what the task pays for, the exploring one, is slower."""
     if fell:
         return eta
-    speed, cadence = row["speed_error_percent"], row["cadence_error_percent"]
+    speed = row["speed_error_percent"]
     if speed < -STANDING:
         return max(eta, min(MOST_ETA, eta * STANDING_FACTOR))
-    right_cadence = abs(cadence) <= CADENCE
-    follows = not right_cadence and speed * cadence > 0 and abs(cadence) <= FOLLOWS * abs(speed)
-    if (abs(speed) > SPEED and follows) or (speed < -SPEED and right_cadence):
+    if another_stride(row):
+        return eta / ETA_FACTOR
+    right_cadence = abs(row["cadence_error_percent"]) <= CADENCE
+    if abs(speed) > SPEED and not (right_cadence and speed > SPEED):
         return max(eta, min(MOST_ETA, eta * SPEED_FACTOR))
-    return eta if right_cadence and speed <= SPEED else eta / ETA_FACTOR
+    return eta if speed <= SPEED else eta / ETA_FACTOR
+
+
+def another_stride(row: Mapping[str, float]) -> bool:
+    """Tell whether the cadence of a check is wrong and does not follow from the speed, which errs with it and more."""
+    speed, cadence = row["speed_error_percent"], row["cadence_error_percent"]
+    follows = abs(speed) > SPEED and speed * cadence > 0 and abs(cadence) <= FOLLOWS * abs(speed)
+    return abs(cadence) > CADENCE and not follows
 
 
 def least_eta(first: float, share: float) -> float:

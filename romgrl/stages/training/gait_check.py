@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -23,7 +24,15 @@ from romgrl.gait.metrics import describe
 from romgrl.gait.recording import record
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 from romgrl.runtime.stage_log import StageLog
-from romgrl.stages.training.adapted_eta import ADAPTS_FROM, CADENCE, LATE_FROM, SPEED, adapted, least_eta
+from romgrl.stages.training.adapted_eta import (
+    ADAPTS_FROM,
+    CADENCE,
+    LATE_FROM,
+    SPEED,
+    adapted,
+    another_stride,
+    least_eta,
+)
 from romgrl.stages.training.budget import Budget
 from romgrl.stages.wiring.humanoid import humanoid_env, speed_sensitivity
 from romgrl.stages.wiring.imitated import read_imitated
@@ -118,7 +127,8 @@ class GaitChecks:
         adapts = self.config.student.adapt_eta and self.teacher is not None and self.config.eta < 1
         if adapts and budget.reached(step, ADAPTS_FROM):
             new = adapted(learner.eta, row, fell=row["falls"] > EPISODES / 4)
-            learner.eta = max(least_eta(self.config.eta, budget.share(step)), new)
+            again = budget.again > 0 and another_stride(row)  # which needs more imitation before all else
+            learner.eta = max(least_eta(self.config.eta, 0.0 if again else budget.share(step)), new)
         pd.DataFrame(self.rows).to_csv(self.output / FILE, index=False)
         if self.is_lost(step, budget):
             budget.go_back(step, ADAPTS_FROM)
@@ -135,14 +145,16 @@ class GaitChecks:
     def is_lost(self, step: int, budget: Budget) -> bool:
         """Tell whether a student late in a training, for the first time, is no nearer to its teacher than a statue.
 
-        Its stride is another one, or none, and with what is left it would not leave it: the weight of its speed has
-        risen, and learning rates fall.
+        And that in another stride, or without one, which it would not leave with what is left: the weight of its speed
+        has risen, and learning rates fall.
         """
         if not (self.config.student.second_try and self.teacher is not None and self.config.eta < 1):
             return False
         late = budget.minutes is None and budget.again == 0 and budget.reached(step, LATE_FROM)
-        passed = any(row["passed"] for row in self.rows)
-        return late and not passed and not self.rows[-1]["error_over_variance"] < STATUE
+        if not late or any(row["passed"] for row in self.rows):
+            return False
+        error = self.rows[-1]["error_over_variance"]
+        return math.isnan(error) or (error >= STATUE and another_stride(self.rows[-1]))
 
     def tell(self, row: Mapping[str, float]) -> None:
         """Say what is wrong with the gait of a student that does not fall."""
