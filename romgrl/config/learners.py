@@ -148,8 +148,9 @@ class Student:
         "not below a value that rises to 0.5"
     )
     second_try: bool = key(
-        "true: a student that has passed no check, and from 0.6 of its steps on has another stride and is no nearer to "
-        "the reference than a statue, makes the steps from 0.32 on again, once; not where minutes are set"
+        "true: a student that has passed no check, and from 0.6 of its steps on falls in most episodes, or has another "
+        "stride or none and is no nearer to the reference than a statue, makes the steps from 0.32 on again, once; not "
+        "where minutes are set"
     )
     kept_policy: str = key(
         "which check's policy is kept, reference: the one nearest to the reference at the right speed; task_reward: "

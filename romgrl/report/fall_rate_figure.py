@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
+from itertools import cycle
+
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -24,10 +27,10 @@ def fall_rates(table: pd.DataFrame, speed: float, bands: str = "95% intervals") 
     table: robustness.csv, or the same over seeds; bands: what they are.
     """
     figure = new_figure(10.0, 6.0)
-    plots = list(figure.subplots(2, 3, sharey=True).flat)
+    plots, colors = list(figure.subplots(2, 3, sharey=True).flat), _colors(table.walker.unique())
     for axes, (name, (title, label)) in zip(plots, TITLES.items(), strict=False):
         dress(axes, title=title, xlabel=label, ylabel="fall rate" if axes.get_subplotspec().is_first_col() else "")
-        _curves(axes, table[table.perturbation == name])
+        _curves(axes, table[table.perturbation == name], colors)
         axes.set_ylim(-0.03, 1.03)
         axes.yaxis.set_major_formatter(PercentFormatter(1.0))
     plots[-1].axis("off")
@@ -37,10 +40,12 @@ def fall_rates(table: pd.DataFrame, speed: float, bands: str = "95% intervals") 
     return figure
 
 
-def _curves(axes: Axes, rows: pd.DataFrame) -> None:
-    walkers = rows.walker.unique()
-    colors = COLORS | dict(zip((name for name in walkers if name not in COLORS), OTHERS, strict=False))
-    for walker in walkers:
+def _colors(walkers: Iterable[str]) -> dict[str, str]:
+    return COLORS | dict(zip((name for name in walkers if name not in COLORS), cycle(OTHERS), strict=False))
+
+
+def _curves(axes: Axes, rows: pd.DataFrame, colors: Mapping[str, str]) -> None:
+    for walker in rows.walker.unique():
         own = rows[rows.walker == walker].sort_values("level")
         label, color = WALKER_LABELS.get(walker, walker), colors[walker]
         axes.fill_between(own.level, own.low, own.high, color=color, alpha=0.18, linewidth=0)

@@ -22,6 +22,7 @@ LINEAGE = tuple(stage for stage in STAGES if stage in upstream_of("evaluation") 
 SHOWN_DIFFERENCES = 3
 CADENCE_OFF = "stride_frequency_deviation_percent"  # from the teacher's
 TOUCHDOWNS = "touchdown_asymmetry_strides"
+TRAINING_STEPS = "student/training_steps"
 EVEN_TOUCHDOWNS = 0.5  # strides from a touchdown of one foot to that of the other
 TEACHER = "trained_teacher"  # the check that ends its training; `teacher` is what the reference has of it
 
@@ -75,8 +76,17 @@ def read_evaluation(directory: Path, known: Catalogue) -> FinishedEvaluation:
         open_artifact(place, stage="teacher")
         own = result_metrics(place)
         numbers |= {f"{TEACHER}/{name.partition('/')[2]}": value for name, value in own.items()}
+    for student in lineage.get("student", [])[:1]:
+        numbers |= steps_made(directory.parent.with_name("student") / student.key)
     numbers |= errors_by_channel(directory)
     return FinishedEvaluation(directory, manifest, lineage, with_weakest(numbers) | derived(numbers))
+
+
+def steps_made(student: Path) -> dict[str, float]:
+    """How many steps a training made, which may be more than its budget (`student.second_try`)."""
+    curve = student / "curve.csv"
+    rows = read_rows(curve) if curve.is_file() else []
+    return {TRAINING_STEPS: number(rows[-1]["step"])} if rows else {}
 
 
 def errors_by_channel(evaluation: Path) -> dict[str, float]:

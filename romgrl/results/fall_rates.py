@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,10 +11,10 @@ from statistics import fmean
 import pandas as pd
 
 from romgrl.artifacts import Manifest, read_manifest
-from romgrl.report.numbers import fixed
+from romgrl.report.numbers import UNKNOWN, fixed
 from romgrl.report.tables import markdown
 from romgrl.report.terminal_tables import GROWING
-from romgrl.results.against_student import KEY, STUDENT
+from romgrl.results.against_student import BASELINE, STUDENT, walker_of
 from romgrl.results.seed_groups import by_group, seeds_told
 from romgrl.results.sweep_cells import JobResult, located
 
@@ -32,11 +33,18 @@ class Disturbed:
 
     @property
     def table(self) -> pd.DataFrame:
-        """Its robustness.csv by the names of the walkers; the baseline, which all share, beside the student alone."""
-        table = pd.read_csv(self.directory / "robustness.csv")
-        if self.walker != STUDENT:
-            table = table[table.walker == STUDENT]
-        return table.replace({"walker": {STUDENT: self.walker}})
+        """Its robustness.csv by the names of the walkers."""
+        return pd.read_csv(self.directory / "robustness.csv").replace({"walker": {STUDENT: self.walker}})
+
+
+def once(members: Sequence[Disturbed]) -> list[pd.DataFrame]:
+    """The tables of some artifacts, with the baseline of a seed, which they share, from the first of them alone."""
+    tables, seeds = [], set()
+    for each in sorted(members, key=lambda one: in_order(one.walker)):
+        known = each.manifest.seed in seeds
+        tables.append(each.table[each.table.walker != BASELINE] if known else each.table)
+        seeds.add(each.manifest.seed)
+    return tables
 
 
 def disturbed(jobs: Sequence[JobResult], outputs: Path) -> list[Disturbed]:
@@ -46,8 +54,7 @@ def disturbed(jobs: Sequence[JobResult], outputs: Path) -> list[Disturbed]:
         if STAGE in each.end.artifacts:
             place = located(outputs, Path(each.end.artifacts[STAGE]))
             if place.is_dir():
-                name = each.swept.get(KEY, STUDENT)
-                made.append(Disturbed(STUDENT if name == "default" else name, place, read_manifest(place)))
+                made.append(Disturbed(walker_of(each), place, read_manifest(place)))
     return made
 
 
@@ -60,7 +67,7 @@ def write_disturbances(jobs: Sequence[JobResult], outputs: Path, directory: Path
     from romgrl.report.style import save
 
     groups = by_group(found, lambda each: each.manifest.seed)
-    tables = [over_seeds([each.table for each in members]) for members in groups.values()]
+    tables = [over_seeds(once(members)) for members in groups.values()]
     tables[0].to_csv(directory / f"{CURVES}.csv", index=False)  # of held-out seeds, where there are any
     speed, count = found[0].manifest.config["speed"], len({each.manifest.seed for each in next(iter(groups.values()))})
     seeds = f"{count} seed{'s' if count > 1 else ''}"
@@ -83,7 +90,7 @@ def over_seeds(tables: Sequence[pd.DataFrame]) -> pd.DataFrame:
 
 def in_order(walker: str) -> int:
     """Where a walker stands in tables and figures: the student, what stands in its place, the baseline."""
-    return {"student": 0, "baseline": 2}.get(walker, 1)
+    return {STUDENT: 0, BASELINE: 2}.get(walker, 1)
 
 
 def limits(table: pd.DataFrame) -> pd.DataFrame:
@@ -94,10 +101,16 @@ def limits(table: pd.DataFrame) -> pd.DataFrame:
         rates = of.pivot(index="level", columns="walker", values="fall_rate").sort_index()
         lost = rates.index[rates[walkers[0]] >= 0.5]
         held = rates.index[rates.index < lost[0]] if name in GROWING and len(lost) else rates.index
+        held = held if len(held) else rates.index[:1]  # it falls at the weakest level, too
         for level in [held[-1]] if name in GROWING else [held[0], held[-1]]:
-            falls = {walker: f"{fixed(100 * rates.loc[level, walker], 0)} %" for walker in walkers}
+            falls = {walker: share_of(rates.loc[level, walker]) for walker in walkers}
             rows.append({"disturbance": label, "level": f"{level:g}", "unit": of.unit.iloc[0], **falls})
     return pd.DataFrame(rows)
+
+
+def share_of(rate: float) -> str:
+    """A fall rate as `20 %`; a dash where there is none."""
+    return f"{fixed(100 * rate, 0)} %" if math.isfinite(rate) else UNKNOWN
 
 
 def orbits(jobs: Sequence[JobResult]) -> str:

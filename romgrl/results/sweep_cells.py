@@ -21,6 +21,7 @@ from romgrl.results.claims import TOO_FEW, compare
 from romgrl.results.evaluation_index import (
     TEACHER,
     TOUCHDOWNS,
+    TRAINING_STEPS,
     Catalogue,
     FinishedEvaluation,
     catalogue,
@@ -35,7 +36,7 @@ ERROR_NUMBERS = [f"{channel}/aligned" for channel in (*CHANNELS, "average")] + [
 BASELINE = "average/aligned/baseline"  # missing where too many of the baseline's episodes fell
 DISTANCE_NUMBERS = ["mmd/all", "wasserstein/all", "dtw/all"]
 READ = ("robustness", "teacher")  # stages whose tables are read here; evaluations are verified where they are read
-WALKED, COMPARED = ("student", "baseline"), ("student", "baseline", "teacher")
+WALKED, COMPARED = ("student", "baseline"), ("teacher", "student", "baseline")
 SUMMARISED = (*COMPARED, TEACHER)
 NULLS = [walker for walker in SCORED if walker not in WALKED]
 NUMBERS = [
@@ -222,6 +223,12 @@ def improvement(several: list[JobResult], measure: str) -> dict[str, float]:
     }
 
 
+def made_again(job: JobResult) -> bool:
+    """Tell whether the student of a job made a part of its steps again (`student.second_try`)."""
+    total = math.inf if job.evaluation is None else job.evaluation.settings.get("student.total_steps", math.inf)
+    return job.numbers.get(TRAINING_STEPS, 0.0) > 1.01 * total  # the last pass may go a little beyond
+
+
 def note(several: list[JobResult]) -> str:
     """What must stand beside the numbers of a cell."""
     alone = any("baseline/falls_percent" in each.numbers and BASELINE not in each.numbers for each in several)
@@ -230,5 +237,6 @@ def note(several: list[JobResult]) -> str:
         TOO_FEW: 1 < len(several) < FEWEST_SEEDS,
         "short budget": any(each.short for each in several),
         "baseline falls": alone,
+        "steps made again": any(made_again(each) for each in several),
     }
     return ", ".join(text for text, true in said.items() if true)

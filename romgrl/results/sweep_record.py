@@ -19,7 +19,7 @@ from romgrl.errors import ArtifactError
 SWEEP_VARIABLE = "ROMGRL_SWEEP"  # directory of the sweep, for its jobs
 SWEEP, JOBS, RESULTS = "sweep.json", "jobs.jsonl", "results"
 UNFINISHED = "did not end"
-END_KINDS = {"overrides": list, "artifacts": dict, "seconds": float | int}
+END_KINDS = {"overrides": list, "artifacts": dict, "seconds": float | int, "error": str | None}
 SWEEP_KINDS = {
     "name": str,
     "command": str,

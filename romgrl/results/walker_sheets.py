@@ -12,9 +12,9 @@ from romgrl.report.tables import NULL_LABELS, null_rows
 from romgrl.results.claims import column
 from romgrl.results.evaluation_index import TOUCHDOWNS, FinishedEvaluation
 from romgrl.results.statistics import summarize
+from romgrl.results.sweep_cells import COMPARED
 from romgrl.results.text_table import BRACKETS, Sheet, mean_text
 
-SIDE_BY_SIDE = ("teacher", "student", "baseline")
 TOUCHDOWN_TITLE = "touchdowns of the feet from half a stride apart [strides]"
 
 
@@ -36,8 +36,8 @@ def gait_sheet(evaluations: Sequence[FinishedEvaluation]) -> Sheet:
         title = MEASURES[name].title if name in MEASURES else TOUCHDOWN_TITLE
         band = known.get(name)
         human = "-" if band is None else f"{significant(band.low)} to {significant(band.high)}"
-        rows.append((title, *(mean_of(evaluations, f"{walker}/{name}") for walker in SIDE_BY_SIDE), human))
-    return Sheet(f"Gait, mean over seeds; {BRACKETS}", ("", *SIDE_BY_SIDE, "human"), rows, ("",), file="gait")
+        rows.append((title, *(mean_of(evaluations, f"{walker}/{name}") for walker in COMPARED), human))
+    return Sheet(f"Gait, mean over seeds; {BRACKETS}", ("", *COMPARED, "human"), rows, ("",), file="gait")
 
 
 def mean_of(evaluations: Sequence[FinishedEvaluation], name: str) -> str:

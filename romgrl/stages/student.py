@@ -129,7 +129,7 @@ def train_student(
         ring=learner.buffer,
         save_policy=save,
         seconds=config.checkpoint_seconds,
-        total=student.total_steps,
+        total=lambda: budget.end,
         log=log,
     )
     step = checkpoints.resume()

@@ -105,7 +105,7 @@ def train_teacher(
         {"loop": loop, "ppo": ppo, "tally": tally, "checks": checks},
         save_policy=save,
         seconds=config.checkpoint_seconds,
-        total=teacher.total_steps,
+        total=lambda: teacher.total_steps,
         log=log,
     )
     rollout_size = teacher.rollout_steps * env.num_envs

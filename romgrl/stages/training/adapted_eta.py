@@ -35,10 +35,13 @@ def adapted(eta: float, row: Mapping[str, float], *, fell: bool) -> float:
 
 
 def another_stride(row: Mapping[str, float]) -> bool:
-    """Tell whether the cadence of a check is wrong and does not follow from the speed, which errs with it and more."""
+    """Tell whether the cadence of a check is wrong, or there is none, and does not follow from the speed.
+
+    It follows from a wrong speed where it errs to the same side, and at most FOLLOWS times as much.
+    """
     speed, cadence = row["speed_error_percent"], row["cadence_error_percent"]
     follows = abs(speed) > SPEED and speed * cadence > 0 and abs(cadence) <= FOLLOWS * abs(speed)
-    return abs(cadence) > CADENCE and not follows
+    return not abs(cadence) <= CADENCE and not follows
 
 
 def least_eta(first: float, share: float) -> float:

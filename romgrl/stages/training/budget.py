@@ -28,6 +28,11 @@ class Budget:
         """Seconds that the training may take."""
         return math.inf if self.minutes is None else 60 * self.minutes
 
+    @property
+    def end(self) -> int:
+        """The step with which the training ends, unless time does."""
+        return self.total + self.again
+
     def start(self) -> None:
         """Begin to count, or go on after a resume: what lies before is not counted."""
         self._read = time.monotonic()
@@ -50,7 +55,7 @@ class Budget:
         """Steps that the training will have made at its end, if it goes on as fast as until `step` (at least 1)."""
         share = self.share(step)
         by_steps = share <= (step - self.again) / self.total
-        return self.total + self.again if by_steps else max(step, round(step / share))
+        return self.end if by_steps else max(step, round(step / share))
 
     def begin_second_half(self, step: int) -> None:
         """From now on half of the budget counts as used, unless more is: as many steps are left as were made."""
@@ -62,8 +67,7 @@ class Budget:
 
     def summary(self, step: int) -> str:
         """What of both limits is used after `step` steps, in one line."""
-        most = self.total + self.again
-        return f"{self.elapsed / 60:.1f} of {self.minutes:g} minutes used, {step:,} of at most {most:,} steps"
+        return f"{self.elapsed / 60:.1f} of {self.minutes:g} minutes used, {step:,} of at most {self.end:,} steps"
 
     def state(self) -> dict[str, Any]:
         """Everything that `restore` needs."""

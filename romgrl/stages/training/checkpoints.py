@@ -18,7 +18,7 @@ __all__ = ["Stateful", "TrainingCheckpoints"]
 
 
 class TrainingCheckpoints:
-    """Keeps the state of all `parts` of a training of `total` steps in its workspace `output`.
+    """Keeps the state of all `parts` of a training of `total()` steps in its workspace `output`.
 
     `save_policy` writes what can be used at once; `seconds` of work lie between two checkpoints; `ring` is the replay
     buffer, the rows of which are no part of its state.
@@ -31,7 +31,7 @@ class TrainingCheckpoints:
         *,
         save_policy: Callable[[], None],
         seconds: float,
-        total: int,
+        total: Callable[[], int],
         log: StageLog,
         ring: Ring | None = None,
     ) -> None:
@@ -56,7 +56,7 @@ class TrainingCheckpoints:
                 continue
             self._step = step
             self._log.resumed(step)
-            self._log.message(f"goes on at step {step:,} of {self._total:,}")
+            self._log.message(f"goes on at step {step:,} of {self._total():,}")
             self._saved = time.monotonic()
             return step
         if self._checkpoints.directory.is_dir():
@@ -83,5 +83,5 @@ class TrainingCheckpoints:
             self._checkpoints.save(step, {name: part.state() for name, part in self._parts.items()})
             self._saved = time.monotonic()
         if pending:
-            self._log.message(f"interrupted at step {step:,} of {self._total:,}; the same command goes on there")
+            self._log.message(f"interrupted at step {step:,} of {self._total():,}; the same command goes on there")
             signals.raise_pending()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -29,6 +28,7 @@ from romgrl.stages.training.adapted_eta import (
     CADENCE,
     LATE_FROM,
     SPEED,
+    STANDING,
     adapted,
     another_stride,
     least_eta,
@@ -135,26 +135,26 @@ class GaitChecks:
             learner.eta = min(learner.eta, self.config.eta)
             self.log.message(
                 f"gait at step {step:,.0f}: no nearer to the teacher's than a statue; {budget.again:,} steps are made "
-                f"again, to {budget.total + budget.again:,}"
+                f"again, to {budget.end:,}"
             )
         if self.config.student.end_early and self.passes() >= PASSES and not budget.reached(step, 0.5):
             budget.begin_second_half(step)
-            end = budget.total + budget.again
-            self.log.message(f"{PASSES} checks in a row passed: the second half begins, to {end:,} steps")
+            self.log.message(f"{PASSES} checks in a row passed: the second half begins, to {budget.end:,} steps")
 
     def is_lost(self, step: int, budget: Budget) -> bool:
-        """Tell whether a student late in a training, for the first time, is no nearer to its teacher than a statue.
+        """Tell whether a student late in a training, for the first time, is one that what is left would not change.
 
-        And that in another stride, or without one, which it would not leave with what is left: the weight of its speed
-        has risen, and learning rates fall.
+        It has passed no check, and falls in most episodes or is no nearer to its teacher than a statue, in another
+        stride, without one, or standing: the weight of its speed has risen, and learning rates fall.
         """
         if not (self.config.student.second_try and self.teacher is not None and self.config.eta < 1):
             return False
         late = budget.minutes is None and budget.again == 0 and budget.reached(step, LATE_FROM)
         if not late or any(row["passed"] for row in self.rows):
             return False
-        error = self.rows[-1]["error_over_variance"]
-        return math.isnan(error) or (error >= STATUE and another_stride(self.rows[-1]))
+        row = self.rows[-1]
+        elsewhere = another_stride(row) or row["speed_error_percent"] < -STANDING
+        return row["falls"] > EPISODES / 2 or (elsewhere and not row["error_over_variance"] < STATUE)
 
     def tell(self, row: Mapping[str, float]) -> None:
         """Say what is wrong with the gait of a student that does not fall."""
