@@ -17,9 +17,10 @@ RATES = {
     1: [0.0, 0.3, 1.0],
     5: [0.0, 0.5, 1.0],
     6: [0.0, 0.8, 1.0],
+    7: [0.9, 0.9, 1.0],
 }  # of the students of seeds at three levels
 SHARES = {"mass": [0.8, 1.2], "friction": [0.8, 1.2]}
-MULTIPLIERS = {0: 0.4, 1: 1.1, 5: 0.5, 6: 0.4}
+MULTIPLIERS = {0: 0.4, 1: 1.1, 5: 0.5, 6: 0.4, 7: 0.4}
 
 
 def disturbed(directory: Path, rates: int, seed: int | None = None) -> None:
@@ -120,3 +121,15 @@ def test_what_stands_in_the_students_place_is_another_walker(outputs: Path) -> N
     assert "| push forward | 0.3 | N s/kg | 10 % | 80 % | 100 % |" in text
     table = pd.read_csv(outputs / "docs" / "results" / "robustness_fall_rates.csv")
     assert set(table.trials) == {100}
+
+
+def test_without_the_student_the_baseline_stays(outputs: Path) -> None:
+    """And a sweep of one walker alone does not call it the student; one that always falls has a row, too."""
+    disturbed(outputs / "artifacts" / "robustness" / "same", 7, seed=0)
+    jobs = [["comparison=same_resets", "seed=0"]]
+    write_sweep(outputs / "sweeps" / "a", "robustness", "", jobs, machine={}, started=1.0, usual={})
+    note_end(JobEnd(jobs[0], {"robustness": "/elsewhere/robustness/same"}))
+    assert main([str(outputs), str(outputs / "docs")]) == 0
+    text = (outputs / "docs" / "results.md").read_text(encoding="utf-8")
+    assert "| disturbance | level | unit | same_resets | baseline |" in text
+    assert "| push forward | 0 | N s/kg | 90 % | 100 % |" in text
