@@ -6,7 +6,10 @@ from pathlib import Path
 import pytest
 
 from romgrl.config.schema import Config
+from romgrl.runtime.signals import Interrupted
 from romgrl.stages.training.budget import Budget
+from tests.conftest import Composer
+from tests.helpers.cut_trainings import Recorder, files, train, training
 from tests.stages.test_gait_check import GOOD, Learner, checks
 
 
@@ -78,3 +81,22 @@ def test_on_the_second_try_another_stride_has_more_imitation(
         learner = Learner(0)
         made.check_if_due(900, learner, Budget(1000, again=again))
         assert learner.eta == pytest.approx(eta)
+
+
+def test_a_training_that_goes_back_goes_on_where_it_was_cut(
+    compose_config: Composer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A student that falls in all episodes at 800 of 1,200 steps makes 416 of them again, interrupted or not."""
+    recorder = Recorder(monkeypatch)
+    config = training("student", compose_config, "student.total_steps=1200")
+    train("student", config, tmp_path / "whole")
+    assert recorder.steps[-1] == 1200 + 800 - round(0.32 * 1200)
+    whole = (recorder.state, files(tmp_path / "whole"))
+    recorder.again()
+    recorder.cut = 1000
+    with pytest.raises(Interrupted):
+        train("student", config, tmp_path / "cut")
+    recorder.again()
+    train("student", config, tmp_path / "cut")
+    assert recorder.steps[0] == 1008
+    assert (recorder.state, files(tmp_path / "cut")) == whole
