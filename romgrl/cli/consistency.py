@@ -114,7 +114,11 @@ def comparison(config: Config) -> Iterator[str]:
     elif name != PLAIN and config.stage == "verify":
         yield refusal("comparison", name, f"{PLAIN} with stage=verify: the paper claims nothing of others")
     else:
-        for key, value in preset_values(name).items():
+        preset = preset_values(name)
+        imitates = config.discriminator.enabled and config.eta < 1
+        if name != PLAIN and preset and "eta" not in preset and not imitates:
+            yield refusal("comparison", name, f"{PLAIN} without imitation (eta=1 or discriminator=none)")
+        for key, value in preset.items():
             if value_of(config, key) != value:
                 yield refusal(key, value_of(config, key), f"{show(value)} with comparison={name}")
 
@@ -262,7 +266,7 @@ REPLAY = ("student.buffer_size", "student.num_envs", "student.learning_starts", 
 REFERENCE = ("reference.steps", "reference.episodes")
 DISCRIMINATOR_WINDOW = ("discriminator.features", "discriminator.window", "discriminator.stride")
 DISCRIMINATOR = ("discriminator.enabled", *DISCRIMINATOR_WINDOW, "discriminator.held_out", "student.mirror")
-COMPARED = ("comparison", "stage", "student.pretrained", "eta")
+COMPARED = ("comparison", "stage", "student.pretrained", "eta", "discriminator.enabled")
 CRITIC = ("discriminator.enabled", "discriminator.loss", "discriminator.gradient_penalty")
 ROM = tuple(key for key in schema_keys() if key.startswith(("rom.", "humanoid.")))
 UNUSED_BY_SHIPPED = ("student.", "discriminator.", "reference.", "evaluation.", "robustness.", "tracking.", "paths.")

@@ -48,10 +48,10 @@ def once(members: Sequence[Disturbed]) -> list[pd.DataFrame]:
 
 
 def disturbed(jobs: Sequence[JobResult], outputs: Path) -> list[Disturbed]:
-    """The robustness artifacts of the jobs that have one."""
+    """The robustness artifacts of the jobs that have one; none that is damaged."""
     made = []
     for each in jobs:
-        if STAGE in each.end.artifacts:
+        if STAGE in each.end.artifacts and each.error is None:
             place = located(outputs, Path(each.end.artifacts[STAGE]))
             if place.is_dir():
                 made.append(Disturbed(walker_of(each), place, read_manifest(place)))

@@ -147,7 +147,11 @@ def results_section(sweep: Sweep, jobs: list[JobResult], outputs: Path, director
 def public(command: str) -> str:
     """A command without what is about one machine."""
     words = []
-    for word in shlex.split(command):
+    try:
+        parts = shlex.split(command)
+    except ValueError:  # an open quotation
+        parts = command.split()
+    for word in parts:
         key, equals, value = word.partition("=")
         if key.lstrip("+").partition(".")[0] not in PRIVATE:
             words.append(f"{key}{equals}{last_part(value)}" if equals else last_part(word))

@@ -72,7 +72,10 @@ class Sweep:
     @property
     def title(self) -> str:
         """The name of the file that stores it, or the keys that it varies."""
-        return self.name if self.name != "config" else f"sweep over {', '.join(self.swept) or 'one job'}"
+        if self.name != "config":
+            return self.name
+        stages = sorted({text.partition("=")[2] for job in self.jobs for text in job if text.startswith("stage=")})
+        return " ".join(["sweep over", ", ".join(self.swept) or "one job", *(["to", *stages] if stages else [])])
 
     def end_of(self, job: Sequence[str]) -> JobEnd:
         """How a job ended, the last time where it ran more than once."""
@@ -135,16 +138,19 @@ def places_of(directory: str, written: int) -> tuple[dict[frozenset[tuple[str, s
 
 def read_sweep(directory: Path) -> Sweep:
     """A sweep from its directory. Raises ArtifactError where its files are not what was written."""
+    path = directory / SWEEP
     try:
-        document = json.loads((directory / SWEEP).read_text(encoding="utf-8"))
+        document = json.loads(path.read_text(encoding="utf-8"))
         check_kinds(document, SWEEP_KINDS)
         for job in document["jobs"]:
             check_overrides(job)
+        check_values("usual", document.get("usual", {}), float | int)
         path = directory / JOBS
-        lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
-        return Sweep(directory=directory, **document, ends=[read_end(line) for line in map(whole_line, lines) if line])
-    except (OSError, KeyError, TypeError, ValueError) as error:
-        raise ArtifactError(f"{directory / SWEEP}: cannot be read: {error}") from error
+        lines = path.read_text(encoding="utf-8", errors="replace").splitlines() if path.exists() else []
+        ends = [read_end(line) for line in map(whole_line, lines) if line]
+        return Sweep(directory=directory, **document, ends=ends)
+    except (OSError, KeyError, RecursionError, TypeError, ValueError) as error:
+        raise ArtifactError(f"{path}: cannot be read: {error}") from error
 
 
 def check_kinds(document: Mapping[str, Any], kinds: Mapping[str, Any]) -> None:
@@ -157,6 +163,13 @@ def check_kinds(document: Mapping[str, Any], kinds: Mapping[str, Any]) -> None:
         raise TypeError(f"{', '.join(wrong)}: not what a sweep writes there")
 
 
+def check_values(name: str, values: Mapping[str, Any], kind: Any) -> None:
+    """Raise TypeError unless all values of a mapping are of a kind."""
+    wrong = [f"{key} {value!r}" for key, value in values.items() if not isinstance(value, kind)]
+    if wrong:
+        raise TypeError(f"{name}: {', '.join(wrong)}: not what a sweep writes there")
+
+
 def check_overrides(job: Any) -> None:
     """Raise TypeError unless a job is a list of overrides."""
     if not isinstance(job, list) or not all(isinstance(text, str) for text in job):
@@ -167,7 +180,7 @@ def whole_line(line: str) -> dict[str, Any] | None:
     """What a line of jobs.jsonl says; None of one that was cut: that job did not end."""
     try:
         document = json.loads(line)
-    except ValueError:
+    except (RecursionError, ValueError):
         return None
     return document if isinstance(document, dict) else None
 
@@ -176,6 +189,7 @@ def read_end(document: Mapping[str, Any]) -> JobEnd:
     """A line of jobs.jsonl. Raises TypeError."""
     check_kinds(document, END_KINDS)
     check_overrides(document.get("overrides"))
+    check_values("artifacts", document.get("artifacts", {}), str)
     return JobEnd(**document)
 
 

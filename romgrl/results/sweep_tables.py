@@ -72,7 +72,9 @@ def write_tables(sweep: Sweep, found: list[JobResult], outputs: Path, directory:
         drawn = headline_jobs(found)
         shown = cells if len(drawn) == sum(each.error is None for each in found) else cells_table(drawn)
         save_figures(shown, jobs_table(drawn), sweep.title, directory)
-    text = write_disturbances(found, outputs, directory) or [*seeds_line(found), joint_table(cells)]
+    text = write_disturbances(found, outputs, directory)
+    if not text or any(each.evaluation for each in found):
+        text += [*seeds_line(found), joint_table(cells)]
     text += write_against_student(sweep, found, directory)
     return text, [path for path in sorted(directory.iterdir()) if path.suffix in (".csv", ".png")]
 

@@ -237,6 +237,8 @@ MISFITS = (
     ("teacher.segment_steps", "teacher.segment_steps=64"),
     ("eta", "comparison=same_resets eta=0.5"),
     ("comparison", "comparison=upright stage=verify"),
+    ("comparison", "comparison=sinusoid discriminator=none"),
+    ("comparison", "comparison=no_resets eta=1"),
     ("student.learning_starts", "student.learning_starts=0"),
     ("student.learning_starts", "student.learning_starts=230001"),
     ("student.buffer_size", "student.buffer_size=100 student.batch_size=64 student.learning_starts=64"),

@@ -63,6 +63,13 @@ def test_a_line_that_was_cut_is_a_job_that_did_not_end(tmp_path: Path, monkeypat
         ("jobs.jsonl", '{"overrides": "seed=0"}', "overrides 'seed=0'"),
         ("jobs.jsonl", '{"overrides": [0]}', r"\[0\] is no list"),
         ("jobs.jsonl", '{"overrides": ["seed=0"], "artifacts": ["/a"]}', r"artifacts \['/a'\]"),
+        (
+            "sweep.json",
+            '{"name": "a", "jobs": [["seed=0"]], "usual": {"student.total_steps": "abc"}}',
+            "'abc': not what",
+        ),
+        ("sweep.json", "[" * 200_000, "recursion"),
+        ("jobs.jsonl", '{"overrides": ["seed=0"], "artifacts": {"evaluation": 5}}', "evaluation 5"),
         ("jobs.jsonl", '{"error": "lost"}', "None is no list of overrides"),
     ],
 )
@@ -70,5 +77,14 @@ def test_other_content_is_refused(file: str, text: str, named: str, tmp_path: Pa
     directory = tmp_path / "sweeps" / "a"
     write_sweep(directory, "fair", "", [["seed=0"]], machine={}, started=0.0, usual={})
     (directory / file).write_text(text, encoding="utf-8")
-    with pytest.raises(ArtifactError, match=f"cannot be read: .*{named}"):
+    with pytest.raises(ArtifactError, match=f"{file}: cannot be read: .*{named}"):
         sweeps(tmp_path)
+
+
+def test_what_is_no_text_did_not_end(tmp_path: Path) -> None:
+    """As a line that was cut; other lines count."""
+    directory = tmp_path / "sweeps" / "a"
+    write_sweep(directory, "fair", "", [["seed=0"], ["seed=1"]], machine={}, started=0.0, usual={})
+    (directory / JOBS).write_bytes(b"\x95\xff\n" + b"[" * 200_000 + b'\n{"overrides": ["seed=1"]}\n')
+    (sweep,) = sweeps(tmp_path)
+    assert [sweep.end_of([f"seed={seed}"]).error for seed in range(2)] == [UNFINISHED, None]

@@ -40,12 +40,19 @@ def read_reference(directory: Path, config: Config, *, steps: int = 1) -> Arrays
             require_array(path, arrays, name, np.float32, (length,))
     if "falls" in arrays:
         require_array(path, arrays, "falls", np.float32, ())
+        check_falls(path, float(arrays["falls"]), config.reference.episodes)
     if "contact" in arrays:
         require_array(path, arrays, "contact", np.bool_, (length, 2))
     longest = max((stop - start for start, stop in episode_bounds(arrays["episode"])), default=0) if length else 0
     if longest < steps:
         raise ArtifactError(f"{path}: the longest episode has {longest} steps; needed: {steps}")
     return arrays
+
+
+def check_falls(path: Path, falls: float, episodes: int) -> None:
+    """Raise ArtifactError unless so many of the episodes can have fallen."""
+    if not (falls.is_integer() and 0 <= falls <= episodes):
+        raise ArtifactError(f"{path}: falls {falls:g}; needed: a whole number from 0 to {episodes}")
 
 
 def read_rollouts(directory: Path, config: Config, states: int) -> Arrays:
