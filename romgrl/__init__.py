@@ -10,6 +10,11 @@ register(
     vector_entry_point="romgrl.rom.vector_env:SpringLegVectorEnv",
 )
 register(
+    id="romgrl/VariableLeg-v0",
+    entry_point="romgrl.rom.env:VariableLegEnv",
+    vector_entry_point="romgrl.rom.vector_env:VariableLegVectorEnv",
+)
+register(
     id="romgrl/PlanarHumanoid-v0",
     entry_point="romgrl.humanoid.env:PlanarHumanoidEnv",
     vector_entry_point="romgrl.humanoid.vector_env:PlanarHumanoidVectorEnv",

@@ -8,7 +8,9 @@
 namespace romgrl {
 
 Batch::Batch(const Parameters& parameters, int worlds, int threads)
-    : count_(worlds), observation_size_(romgrl::observation_size(parameters)) {
+    : count_(worlds),
+      observation_size_(romgrl::observation_size(parameters)),
+      action_size_(romgrl::action_size(parameters)) {
     validate(parameters);
     if (worlds < 1 || worlds > 100000) throw std::invalid_argument("the number of worlds must be 1 to 100000");
     if (threads < 1 || threads > 1024) throw std::invalid_argument("the number of threads must be 1 to 1024");

@@ -16,6 +16,7 @@ class Batch {
 
     int worlds() const { return count_; }
     int observation_size() const { return observation_size_; }
+    int action_size() const { return action_size_; }
 
     void seed(std::uint64_t value) { worlds_->seed(value); }
     void reset() { worlds_->reset(); }  // all worlds
@@ -26,7 +27,7 @@ class Batch {
     void restore(const double* states);  // all or nothing
 
   private:
-    int count_, observation_size_;
+    int count_, observation_size_, action_size_;
     std::unique_ptr<Worlds> worlds_;
     std::unique_ptr<Pool> pool_;
     int owner_ = 0;  // process

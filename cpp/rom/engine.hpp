@@ -12,6 +12,7 @@
 namespace romgrl {
 
 constexpr int kFullObservation = 20;
+constexpr int kMotorObservation = 27;  // with leg motors
 constexpr int kPaperObservation = 13;
 constexpr int kFeatures = 5;
 
@@ -33,18 +34,23 @@ struct StepArrays {
     float* positive_power;
     float* retraction_power;
     float* positive_retraction_power;
+    float* motor_power;
+    float* positive_motor_power;
     bool* diverged;
 };
 
 inline void write_power(const Parameters& parameters, const Work& work, int world, const StepArrays& arrays) {
     const auto mean = [&parameters](double joules) { return static_cast<float>(joules * parameters.control_frequency); };
-    arrays.power[world] = mean(work.hip + work.retraction);
-    arrays.positive_power[world] = mean(work.positive_hip + work.positive_retraction);
+    arrays.power[world] = mean(work.hip + work.retraction + work.motor);
+    arrays.positive_power[world] = mean(work.positive_hip + work.positive_retraction + work.positive_motor);
     arrays.retraction_power[world] = mean(work.retraction);
     arrays.positive_retraction_power[world] = mean(work.positive_retraction);
+    arrays.motor_power[world] = mean(work.motor);
+    arrays.positive_motor_power[world] = mean(work.positive_motor);
 }
 
 inline int observation_size(const Parameters& parameters) {
+    if (parameters.leg_motor) return kMotorObservation;
     return parameters.observation_is_paper ? kPaperObservation : kFullObservation;
 }
 
@@ -53,7 +59,7 @@ inline int observation_size(const Parameters& parameters) {
 inline void write_observation(const Parameters& parameters, const float* full, float* observation) {
     constexpr std::array<int, kPaperObservation> paper{0, 1, 2, 3, 6, 7, 8, 9, 10, 11, 12, 13, 18};
     if (!parameters.observation_is_paper) {
-        std::copy_n(full, kFullObservation, observation);
+        std::copy_n(full, observation_size(parameters), observation);
         return;
     }
     for (int i = 0; i < kPaperObservation; ++i) observation[i] = full[paper[i]];

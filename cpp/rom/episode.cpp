@@ -9,6 +9,7 @@ namespace romgrl {
 namespace {
 
 constexpr double kTouch = 1e-4;  // m; feet start this deep in the ground, so that rounding cannot lift them
+constexpr std::uint64_t kCommandDraws = 4;  // index of the first draw of a command; those before it are of the start
 constexpr double kLargestInteger = 9007199254740992.0;  // 2^53
 
 }  // namespace
@@ -18,9 +19,22 @@ void Episode::restart(std::uint64_t value) {
     number = 0;
 }
 
-void Episode::begin() {
+void Episode::begin(const Parameters& p) {
     steps = 0;
+    speed = 0.5 * (p.speed_low + p.speed_high);
     previous_action.fill(0.0);
+}
+
+// Numbers of a command are drawn with the number of the episode that goes on, which is one less than the next.
+bool Episode::take_command(const Parameters& p, double& stiffness_share) {
+    if (p.command_steps == 0 || steps == 0 || steps % p.command_steps != 0) return false;
+    const std::uint64_t index = kCommandDraws + 2 * static_cast<std::uint64_t>(steps / p.command_steps);
+    const auto draw = [&](std::uint64_t at, double low, double high) {
+        return low + (high - low) * uniform(seed, world, number - 1, at);
+    };
+    speed = draw(index, p.speed_low, p.speed_high);
+    stiffness_share = draw(index + 1, p.stiffness_share_low, p.stiffness_share_high);
+    return true;
 }
 
 // Anti-phase start at the touchdown of the front foot, which rests; the rear foot moves with the trunk.
@@ -28,51 +42,58 @@ void Episode::begin(const Parameters& p, double* state) {
     const auto draw = [this](std::uint64_t index, double low, double high) {
         return low + (high - low) * uniform(seed, world, number, index);
     };
+    begin(p);
+    speed = draw(kCommandDraws, p.speed_low, p.speed_high);
     const double angle = draw(0, p.reset_hip_angle_low, p.reset_hip_angle_high);
-    const double speed = p.speed * draw(1, p.reset_speed_low, p.reset_speed_high);
+    const double forward = speed * draw(1, p.reset_speed_low, p.reset_speed_high);
     const int front = draw(2, 0.0, 1.0) < 0.5 ? 0 : 1;
     Pose pose;
     pose.y = p.leg_length * std::cos(angle) + p.foot_radius - kTouch;
-    pose.vx = speed;
+    pose.vx = forward;
     pose.leg_length.fill(p.leg_length);
     pose.hip_angle[front] = angle;
     pose.hip_angle[1 - front] = -angle;
-    pose.leg_rate[front] = -speed * std::sin(angle);
-    pose.hip_rate[front] = -speed * std::cos(angle) / p.leg_length;
+    pose.leg_rate[front] = -forward * std::sin(angle);
+    pose.hip_rate[front] = -forward * std::cos(angle) / p.leg_length;
     pose_state(p, pose, state);
     state[21] = front == 0 ? 1.0 : -1.0;
-    begin();
+    state[22] = draw(kCommandDraws + 1, p.stiffness_share_low, p.stiffness_share_high);
     ++number;
 }
 
 void Episode::save(double* numbers) const {
-    numbers[0] = previous_action[0];
-    numbers[1] = previous_action[1];
-    numbers[2] = static_cast<double>(steps);
-    numbers[3] = static_cast<double>(number);
-    numbers[4] = static_cast<double>(seed >> 32);
-    numbers[5] = static_cast<double>(seed & 0xFFFFFFFFULL);
-    numbers[6] = static_cast<double>(world);
+    std::copy(previous_action.begin(), previous_action.end(), numbers);
+    numbers[4] = speed;
+    numbers[5] = static_cast<double>(steps);
+    numbers[6] = static_cast<double>(number);
+    numbers[7] = static_cast<double>(seed >> 32);
+    numbers[8] = static_cast<double>(seed & 0xFFFFFFFFULL);
+    numbers[9] = static_cast<double>(world);
 }
 
 void Episode::restore(const double* numbers) {
-    previous_action = {numbers[0], numbers[1]};
-    steps = static_cast<std::int64_t>(numbers[2]);
-    number = static_cast<std::uint64_t>(numbers[3]);
-    seed = (static_cast<std::uint64_t>(numbers[4]) << 32) | static_cast<std::uint64_t>(numbers[5]);
-    world = static_cast<std::uint64_t>(numbers[6]);
+    std::copy_n(numbers, kMostActions, previous_action.begin());
+    speed = numbers[4];
+    steps = static_cast<std::int64_t>(numbers[5]);
+    number = static_cast<std::uint64_t>(numbers[6]);
+    seed = (static_cast<std::uint64_t>(numbers[7]) << 32) | static_cast<std::uint64_t>(numbers[8]);
+    world = static_cast<std::uint64_t>(numbers[9]);
 }
 
 bool is_state(const double* state) {
     const double* own = state + kWalkerState;
     const auto action = [](double value) { return std::fabs(value) <= 1.0; };
     const auto whole = [](double value) { return value >= 0.0 && value < kLargestInteger && value == std::floor(value); };
-    return is_walker_state(state) && std::all_of(own, own + 2, action) && std::all_of(own + 2, own + 7, whole) &&
-           std::max(own[4], own[5]) < 4294967296.0;
+    return is_walker_state(state) && std::all_of(own, own + kMostActions, action) && own[4] >= 0.0 && own[4] < 1e3 &&
+           std::all_of(own + 5, own + kEpisodeState, whole) && std::max(own[7], own[8]) < 4294967296.0;
 }
 
-double reward(const Parameters& p, double velocity) {
-    return p.reward_is_velocity ? velocity : std::exp(-p.alpha * std::fabs(velocity - p.speed));
+// The cost of the motors' work is per body weight and sqrt(g L0).
+double reward(const Parameters& p, double speed, double velocity, double motor_power) {
+    const double held = p.reward_is_velocity ? velocity : std::exp(-p.alpha * std::fabs(velocity - speed));
+    if (p.motor_cost == 0.0) return held;
+    const double gravity = p.gravity > 0.0 ? p.gravity : 1.0;
+    return held - p.motor_cost * motor_power / (p.mass * gravity * std::sqrt(gravity * p.leg_length));
 }
 
 bool fallen(const Parameters& p, double y, double pitch) {

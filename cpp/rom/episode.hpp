@@ -8,24 +8,27 @@
 
 namespace romgrl {
 
-constexpr int kActions = 2;
-constexpr int kEpisodeState = 7;
+constexpr int kMostActions = 4;  // hip torques left and right; with leg motors their drives left and right
+constexpr int kEpisodeState = 10;
 constexpr int kState = kWalkerState + kEpisodeState;
 
 struct Episode {
     std::uint64_t world = 0, seed = 0, number = 0;  // number: of the next episode
     std::int64_t steps = 0;
-    std::array<double, kActions> previous_action{};
+    double speed = 0.0;  // to be held, m/s
+    std::array<double, kMostActions> previous_action{};
 
     void restart(std::uint64_t value);  // a new stream of random numbers
-    void begin();  // an episode from a pose of the caller
+    void begin(const Parameters& parameters);  // an episode from a pose of the caller
     void begin(const Parameters& parameters, double* state);  // the next random episode, which starts in `state`
+    bool take_command(const Parameters& parameters, double& stiffness_share);  // if another one is due
     void save(double* numbers) const;
     void restore(const double* numbers);
 };
 
 bool is_state(const double* state);  // kState numbers: of the walker, then of the episode
-double reward(const Parameters& parameters, double velocity);
+double reward(const Parameters& parameters, double speed, double velocity, double motor_power);  // positive power, W
+inline int action_size(const Parameters& parameters) { return parameters.leg_motor ? kMostActions : kLegs; }
 bool fallen(const Parameters& parameters, double y, double pitch);
 
 }  // namespace romgrl

@@ -58,6 +58,8 @@ class Buffers {
         bind(arrays, arrays_.positive_power, "positive_power", 0);
         bind(arrays, arrays_.retraction_power, "retraction_power", 0);
         bind(arrays, arrays_.positive_retraction_power, "positive_retraction_power", 0);
+        bind(arrays, arrays_.motor_power, "motor_power", 0);
+        bind(arrays, arrays_.positive_motor_power, "positive_motor_power", 0);
         bind(arrays, arrays_.diverged, "diverged", 0);
     }
 
@@ -81,8 +83,8 @@ class Buffers {
 
 void step(Batch& batch, py::array actions, const Buffers& buffers) {
     const py::ssize_t n = batch.worlds();
-    const float* action = data<float>(actions, "actions", n, romgrl::kActions, false);
-    require_finite(action, n * romgrl::kActions, "actions");
+    const float* action = data<float>(actions, "actions", n, batch.action_size(), false);
+    require_finite(action, n * batch.action_size(), "actions");
     const romgrl::StepArrays& arrays = buffers.of(batch);
     py::gil_scoped_release release;
     batch.step(action, arrays);
@@ -91,8 +93,8 @@ void step(Batch& batch, py::array actions, const Buffers& buffers) {
 // The loop of steps without Python, as a yardstick.
 void repeat(Batch& batch, py::array actions, const Buffers& buffers, int steps) {
     const py::ssize_t n = batch.worlds();
-    const float* action = data<float>(actions, "actions", n, romgrl::kActions, false);
-    require_finite(action, n * romgrl::kActions, "actions");
+    const float* action = data<float>(actions, "actions", n, batch.action_size(), false);
+    require_finite(action, n * batch.action_size(), "actions");
     const romgrl::StepArrays& arrays = buffers.of(batch);
     py::gil_scoped_release release;
     for (int i = 0; i < steps; ++i) batch.step(action, arrays);
@@ -144,7 +146,9 @@ void bind_pose(py::module_& module) {
         .def_readwrite("hip_angle", &Pose::hip_angle)
         .def_readwrite("hip_rate", &Pose::hip_rate)
         .def_readwrite("leg_length", &Pose::leg_length)
-        .def_readwrite("leg_rate", &Pose::leg_rate);
+        .def_readwrite("leg_rate", &Pose::leg_rate)
+        .def_readwrite("extension", &Pose::extension)
+        .def_readwrite("extension_rate", &Pose::extension_rate);
 }
 
 }  // namespace
@@ -161,6 +165,7 @@ PYBIND11_MODULE(_core, module) {
              py::arg("num_threads"))
         .def_property_readonly("num_worlds", &Batch::worlds)
         .def_property_readonly("observation_size", &Batch::observation_size)
+        .def_property_readonly("action_size", &Batch::action_size)
         .def("seed", &Batch::seed, py::arg("seed"))
         .def("reset", &Batch::reset)
         .def("step", &step, py::arg("actions"), py::arg("buffers"))

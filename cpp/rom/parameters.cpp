@@ -25,11 +25,32 @@ void require_stable(const Parameters& p) {
     const double reduced = p.foot_mass * trunk / (p.foot_mass + trunk);
     const double dt = p.substep_time();
     const double damping = std::fmax(p.swing_damping, p.stance_damping);
-    if (p.stiffness / reduced * dt * dt < 4.0 - 2.0 * damping / reduced * dt) return;
+    const double stiffness = p.stiffness * p.stiffness_share_high;
+    if (stiffness / reduced * dt * dt < 4.0 - 2.0 * damping / reduced * dt) return;
     std::ostringstream text;
-    text << "stiffness " << p.stiffness << " N/m and damping " << damping << " N s/m cannot be integrated with foot_mass "
+    text << "stiffness " << stiffness << " N/m and damping " << damping << " N s/m cannot be integrated with foot_mass "
          << p.foot_mass << " kg at " << dt << " s per substep: raise substeps";
     throw std::invalid_argument(text.str());
+}
+
+// The carriage of a leg's motor: semi-implicit Euler as above, with all that resists its speed as damping.
+void require_stable_motor(const Parameters& p) {
+    if (!p.leg_motor) return;
+    const double dt = p.substep_time(), stiffness = p.stiffness * p.stiffness_share_high;
+    const double slope = std::fmax(1.0 / p.motor_speed, (p.motor_eccentric - 1.0) / p.motor_eccentric_speed);
+    const double damping = p.motor_force * slope + p.motor_damping + std::fmax(p.swing_damping, p.stance_damping);
+    if (stiffness / p.motor_mass * dt * dt < 4.0 - 2.0 * damping / p.motor_mass * dt) return;
+    std::ostringstream text;
+    text << "motor_mass " << p.motor_mass << " kg cannot be integrated with motor_force " << p.motor_force << " N at " << dt
+         << " s per substep: raise motor_mass or substeps";
+    throw std::invalid_argument(text.str());
+}
+
+void require_commands(const Parameters& p) {
+    in_range("speed_high", p.speed_high, p.speed_low, 10.0);
+    in_range("stiffness_share_high", p.stiffness_share_high, p.stiffness_share_low, 10.0);
+    require(!(p.leg_motor && p.observation_is_paper), "the paper's observation has no leg motor");
+    require(p.shortest_rest > p.compression_limit, "shortest_rest must exceed compression_limit");
 }
 
 void require_resets(const Parameters& p) {
@@ -48,6 +69,8 @@ void validate(const Parameters& p) {
     require(2.0 * p.foot_mass < p.mass, "mass must exceed the mass of both feet");
     require(p.compression_limit < p.extension_limit, "compression_limit must be below extension_limit");
     require_stable(p);
+    require_stable_motor(p);
+    require_commands(p);
     require_resets(p);
 }
 

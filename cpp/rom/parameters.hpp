@@ -22,6 +22,17 @@ constexpr double kUnlimited = std::numeric_limits<double>::infinity();
     ROW(double, trunk_moment_limit, 25.0, 0.0, ::romgrl::kUnlimited) \
     ROW(double, retraction, 0.15, 0.0, 0.4)                          \
     ROW(double, retraction_time, 0.08, 1e-6, 100.0)                  \
+    ROW(bool, leg_motor, false, 0.0, 1.0)                            \
+    ROW(double, motor_force, 1436.0, 1e-3, 1e6)                      \
+    ROW(double, motor_speed, 3.0, 1e-3, 100.0)                       \
+    ROW(double, motor_power, 1077.0, 1e-3, 1e7)                      \
+    ROW(double, motor_eccentric, 1.5, 1.0, 10.0)                     \
+    ROW(double, motor_eccentric_speed, 1.0, 1e-3, 100.0)             \
+    ROW(double, motor_mass, 2.5, 1e-3, 1e9)                          \
+    ROW(double, motor_damping, 0.0, 0.0, 1e6)                        \
+    ROW(double, motor_lag, 0.02, 0.0, 100.0)                         \
+    ROW(double, shortest_rest, 0.95, 0.05, 1.0)                      \
+    ROW(double, longest_rest, 1.05, 1.0, 1.5)                        \
     ROW(double, hip_angle_limit, 1.3, 0.01, 1.57)                    \
     ROW(double, compression_limit, 0.5, 0.05, 1.0)                   \
     ROW(double, extension_limit, 1.05, 1.0, 1.5)                     \
@@ -35,15 +46,20 @@ constexpr double kUnlimited = std::numeric_limits<double>::infinity();
     ROW(int, velocity_iterations, 8, 1, 1000)                        \
     ROW(int, position_iterations, 3, 1, 1000)                        \
     ROW(double, gravity, 9.81, 0.0, 100.0)                           \
-    ROW(double, speed, 4.0, 0.0, 10.0)                               \
+    ROW(double, speed_low, 4.0, 0.0, 10.0)                           \
+    ROW(double, speed_high, 4.0, 0.0, 10.0)                          \
+    ROW(double, stiffness_share_low, 1.0, 0.1, 10.0)                 \
+    ROW(double, stiffness_share_high, 1.0, 0.1, 10.0)                \
+    ROW(int, command_steps, 0, 0, 1e9)                               \
     ROW(double, control_frequency, 30.0, 1.0, 10000.0)               \
     ROW(int, episode_steps, 400, 1, 1e9)                             \
     ROW(double, alpha, 1.0, 1e-9, 1e6)                               \
+    ROW(double, motor_cost, 0.0, 0.0, 1e3)                           \
     ROW(bool, reward_is_velocity, false, 0.0, 1.0)                   \
     ROW(bool, observation_is_paper, false, 0.0, 1.0)                 \
     ROW(bool, engine_is_native, false, 0.0, 1.0)
 
-// Ranges from which resets are drawn; their bounds depend on other parameters. Speeds are shares of speed.
+// Ranges from which resets are drawn; their bounds depend on other parameters. Speeds are shares of the world's speed.
 #define ROMGRL_RESETS(ROW)                  \
     ROW(double, reset_hip_angle_low, 0.33)  \
     ROW(double, reset_hip_angle_high, 0.42) \
@@ -51,7 +67,8 @@ constexpr double kUnlimited = std::numeric_limits<double>::infinity();
     ROW(double, reset_speed_high, 1.05)
 
 struct Parameters {
-    // trunk_moment_limit: infinity is none; torque_lag: 0 is none; trunk_pinned holds the trunk for tests of a single leg
+    // trunk_moment_limit: infinity is none; torque_lag: 0 is none; trunk_pinned holds the trunk for tests of a single leg;
+    // speed and share of the stiffness are drawn for each episode and anew after every command_steps (0: never)
 #define ROW(type, name, value, ...) type name = value;
     ROMGRL_PARAMETERS(ROW)
     ROMGRL_RESETS(ROW)

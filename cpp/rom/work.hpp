@@ -1,4 +1,5 @@
-// What the actuators of a world do: the hip motors, and the retraction, which moves the rest length of the legs.
+// What the actuators of a world do: the hip motors, the retraction, which moves the rest length of the legs by a script,
+// and the leg motors, which move it by a force.
 #pragma once
 
 namespace romgrl {
@@ -7,6 +8,7 @@ namespace romgrl {
 struct Work {
     double hip = 0.0, positive_hip = 0.0;  // absolute values summed over legs and substeps, and the positive ones alone
     double retraction = 0.0, positive_retraction = 0.0;
+    double motor = 0.0, positive_motor = 0.0;
 };
 
 }  // namespace romgrl

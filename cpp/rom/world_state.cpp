@@ -22,12 +22,13 @@ bool is_body(const double* state) {
 bool is_walker_state(const double* state) {
     const auto finite = [](double value) { return std::isfinite(value); };
     const auto is_leg = [](const double* leg) {
-        return std::fabs(leg[1]) < kLargestNumber && std::fabs(leg[2]) < kLargestNumber;
+        return std::fabs(leg[1]) < kLargestNumber && std::fabs(leg[2]) < kLargestNumber &&
+               std::fabs(leg[4]) < kLargestNumber && std::fabs(leg[5]) < kLargestNumber && std::fabs(leg[6]) <= 1.0;
     };
     return is_body(state) && is_body(state + 6) && is_body(state + 12) &&
            std::all_of(state + 18, state + kWalkerState, finite) && (state[18] == 0.0 || state[18] == 1.0) &&
            std::fabs(state[19]) < kLongestWay && std::fabs(state[20]) < kLongestWay && std::fabs(state[21]) <= 1.0 &&
-           is_leg(state + 22) && is_leg(state + 26);
+           state[22] > 0.0 && state[22] < kLargestNumber && is_leg(state + kMotion) && is_leg(state + kMotion + kLegMotion);
 }
 
 // The two legs are solved one after the other. Which leg comes first follows from the pose and not from its name, so
@@ -50,10 +51,14 @@ void pose_state(const Parameters& parameters, const Pose& pose, double* state) {
         foot[3] = pose.vx + pose.leg_rate[i] * s + across * c;
         foot[4] = pose.vy - pose.leg_rate[i] * c + across * s;
         if (!(length > 0.0)) throw std::invalid_argument("the pose has a leg of no length");
-        state[24 + 4 * i] = std::fabs(angle);
-        state[25 + 4 * i] = static_cast<float>(foot[1]) > static_cast<float>(parameters.foot_radius) ? 1.0 : 0.0;
+        double* motion = state + kMotion + kLegMotion * i;
+        motion[2] = std::fabs(angle);
+        motion[3] = static_cast<float>(foot[1]) > static_cast<float>(parameters.foot_radius) ? 1.0 : 0.0;
+        motion[4] = pose.extension[i];
+        motion[5] = pose.extension_rate[i];
     }
     state[18] = first;
+    state[22] = 1.0;
     state[19] = state[20] = pose.x;
     if (!is_walker_state(state)) throw std::invalid_argument("the pose is not finite or too large");
 }

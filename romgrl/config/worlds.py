@@ -64,6 +64,25 @@ ROMS["spring_leg"] = SpringLeg
 
 
 @dataclass
+class VariableLeg(SpringLeg):
+    """The same with a motor in series with the spring of each leg, which moves the end of its rest length."""
+
+    motor_force: float = key("force of a leg's motor at rest, action 1", unit="N", low=0.001, high=1e6)
+    motor_speed: float = key("speed at which it has no force left", unit="m/s", low=0.001, high=100)
+    motor_power: float = key("largest power of a leg's motor", unit="W", low=0.001, high=1e7)
+    motor_eccentric: float = key("its largest force where it is overpowered, share of motor_force", low=1, high=10)
+    motor_eccentric_speed: float = key("speed of yielding at which it has that force", unit="m/s", low=0.001, high=100)
+    motor_mass: float = key("mass that the motor moves, as felt along the leg", unit="kg", low=0.001, high=1e9)
+    motor_damping: float = key("friction of the motor", unit="N s/m", low=0, high=1e6)
+    motor_lag: float = key("time constant of the motor; 0: none", unit="s", low=0, high=100)
+    shortest_rest: float = key("shortest rest length, share of leg_length", low=0.05, high=1)
+    longest_rest: float = key("longest rest length, share of leg_length", low=1, high=1.5)
+
+
+ROMS["variable_leg"] = VariableLeg
+
+
+@dataclass
 class Humanoid:
     """Planar humanoid in MuJoCo (paper section 4.1.2)."""
 

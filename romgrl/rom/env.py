@@ -8,8 +8,8 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from romgrl.rom.parameters import Reward, SpringLegParameters
-from romgrl.rom.vector_env import SpringLegVectorEnv, refuse_options
+from romgrl.rom.parameters import Commands, Reward, SpringLegParameters
+from romgrl.rom.vector_env import SpringLegVectorEnv, VariableLegVectorEnv, refuse_options
 
 Array = NDArray[Any]
 
@@ -20,19 +20,21 @@ class SpringLegEnv(gymnasium.Env[Array, Array]):
     """World 0 of `SpringLegVectorEnv`, with the same episodes for the same seed; see there for spaces and units."""
 
     metadata = _METADATA
+    worlds = SpringLegVectorEnv
 
     def __init__(
         self,
         *,
         parameters: SpringLegParameters | None = None,
-        speed: float = 4.0,
+        speed: float | Commands = 4.0,
         control_frequency: float = 30.0,
         episode_steps: int = 400,
         reward: Reward = "exponential",
         alpha: float = 1.0,
+        motor_cost: float = 0.0,
         render_mode: str | None = None,
     ) -> None:
-        self._worlds = SpringLegVectorEnv(
+        self._worlds = self.worlds(
             parameters=parameters,
             num_envs=1,
             speed=speed,
@@ -40,6 +42,7 @@ class SpringLegEnv(gymnasium.Env[Array, Array]):
             episode_steps=episode_steps,
             reward=reward,
             alpha=alpha,
+            motor_cost=motor_cost,
             render_mode=render_mode,
         )
         self.render_mode = render_mode
@@ -64,7 +67,7 @@ class SpringLegEnv(gymnasium.Env[Array, Array]):
         return observation[0].copy(), _row(info)
 
     def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
-        """One control step; action (2,) finite."""
+        """One control step; action finite."""
         _, reward, terminated, truncated, info = self._worlds.step(np.asarray(action, np.float32)[None])
         done = bool(terminated[0]), bool(truncated[0])
         if any(done):
@@ -75,6 +78,12 @@ class SpringLegEnv(gymnasium.Env[Array, Array]):
         """The state as a (360, 640, 3) image, or None without a render mode."""
         images = self._worlds.render()
         return None if images is None else images[0]
+
+
+class VariableLegEnv(SpringLegEnv):
+    """World 0 of `VariableLegVectorEnv`."""
+
+    worlds = VariableLegVectorEnv
 
 
 def _row(info: dict[str, Any]) -> dict[str, Any]:

@@ -28,6 +28,17 @@ OBSERVATION_NAMES: tuple[str, ...] = (
     "target_speed",
     "last_touchdown_side",
 )
+MOTOR_OBSERVATION_NAMES = (
+    *OBSERVATION_NAMES,
+    "left_rest_extension",
+    "right_rest_extension",
+    "left_rest_rate",
+    "right_rest_rate",
+    "left_previous_drive",
+    "right_previous_drive",
+    "stiffness_share",
+)
+"""With a motor in each leg: by how much the rest length is above L0, its rate, the last action."""
 PAPER_COLUMNS: tuple[int, ...] = (0, 1, 2, 3, 6, 7, 8, 9, 10, 11, 12, 13, 18)
 
 
@@ -38,3 +49,4 @@ def mirror(names: tuple[str, ...]) -> Mirror:
 
 PAPER_OBSERVATION_NAMES = tuple(OBSERVATION_NAMES[column] for column in PAPER_COLUMNS)
 ACTION_NAMES = ("left_hip", "right_hip")
+MOTOR_ACTION_NAMES = (*ACTION_NAMES, "left_leg", "right_leg")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any, Literal, get_args
 
@@ -61,16 +61,53 @@ class SpringLegParameters:
     engine: Engine = "box2d"
 
 
+@dataclass(frozen=True)
+class VariableLegParameters(SpringLegParameters):
+    """The same with a motor in series with the spring of each leg, which moves the end of its rest length.
+
+    See cpp/rom/leg_motor.hpp for the equations, and the configuration group `rom` for the keys.
+    """
+
+    motor_force: float = _default("motor_force")
+    motor_speed: float = _default("motor_speed")
+    motor_power: float = _default("motor_power")
+    motor_eccentric: float = _default("motor_eccentric")
+    motor_eccentric_speed: float = _default("motor_eccentric_speed")
+    motor_mass: float = _default("motor_mass")
+    motor_damping: float = _default("motor_damping")
+    motor_lag: float = _default("motor_lag")
+    shortest_rest: float = _default("shortest_rest")
+    longest_rest: float = _default("longest_rest")
+
+
+@dataclass(frozen=True)
+class Commands:
+    """What is asked of each world: drawn for each episode, and anew after every `hold_steps` control steps.
+
+    speed: range of the speed to be held, m/s; stiffness_share: range of the stiffness of both legs, share of the
+    parameter; hold_steps: 0 for one command an episode.
+    """
+
+    speed: tuple[float, float] = (4.0, 4.0)
+    stiffness_share: tuple[float, float] = (1.0, 1.0)
+    hold_steps: int = 0
+
+
 def core_parameters(
     parameters: SpringLegParameters,
     *,
-    speed: float,
+    speed: float | Commands,
     control_frequency: float,
     episode_steps: int,
     reward: Reward,
     alpha: float,
+    motor_cost: float = 0.0,
 ) -> _core.Parameters:
-    """The C++ core's parameters of one task. Raises ValueError for a value of the wrong type or choice."""
+    """The C++ core's parameters of one task. Raises ValueError for a value of the wrong type or choice.
+
+    speed: one for all worlds, m/s, or commands; motor_cost: of the positive power of leg motors, per body weight and
+    sqrt(g L0).
+    """
     if not isinstance(parameters, SpringLegParameters):
         raise ValueError(f"parameters {parameters!r} are no SpringLegParameters")
     if reward not in get_args(Reward):
@@ -85,14 +122,14 @@ def core_parameters(
         if field.name not in ("observation", "engine", *_RANGES)
     }
     for name in _RANGES:
-        try:
-            low, high = getattr(parameters, name)
-        except (TypeError, ValueError) as error:
-            raise ValueError(f"{name} = {getattr(parameters, name)!r} must be two numbers, low and high") from error
-        values |= {f"{name}_low": low, f"{name}_high": high}
+        values |= span(name, getattr(parameters, name))
     if parameters.trunk_moment_limit is None:
         values["trunk_moment_limit"] = math.inf
-    values |= {"speed": speed, "control_frequency": control_frequency, "episode_steps": episode_steps, "alpha": alpha}
+    commands = speed if isinstance(speed, Commands) else Commands((speed, speed))
+    values |= {**span("speed", commands.speed), **span("stiffness_share", commands.stiffness_share)}
+    values |= {"command_steps": commands.hold_steps, "motor_cost": motor_cost}
+    values |= {"leg_motor": isinstance(parameters, VariableLegParameters)}
+    values |= {"control_frequency": control_frequency, "episode_steps": episode_steps, "alpha": alpha}
     values |= {"reward_is_velocity": reward == "forward_velocity"}
     values |= {"observation_is_paper": parameters.observation == "paper"}
     values |= {"engine_is_native": parameters.engine == "native"}
@@ -103,6 +140,13 @@ def core_parameters(
         except TypeError as error:
             raise ValueError(f"{name} = {value!r} has the wrong type") from error
     return core
+
+
+def span(name: str, values: object) -> dict[str, object]:
+    """The core's two numbers of a range. Raises ValueError unless there are two."""
+    if not isinstance(values, Sequence) or len(values) != 2:
+        raise ValueError(f"{name} = {values!r} must be two numbers, low and high")
+    return {f"{name}_low": values[0], f"{name}_high": values[1]}
 
 
 def unfit_parameters(parameters: SpringLegParameters, control_frequency: float) -> Iterator[tuple[str, str]]:

@@ -9,7 +9,7 @@ from typing import Any
 from romgrl.config.values import refusal
 from romgrl.rom import drawing, parameters
 from romgrl.rom.interface import RomVectorEnv
-from romgrl.rom.vector_env import SpringLegVectorEnv
+from romgrl.rom.vector_env import SpringLegVectorEnv, VariableLegVectorEnv
 
 
 @dataclass(frozen=True)
@@ -33,6 +33,9 @@ class ReducedOrderModel:
 MODELS: dict[str, ReducedOrderModel] = {
     "spring_leg": ReducedOrderModel(
         parameters.SpringLegParameters, SpringLegVectorEnv, parameters.unfit_parameters, drawing.draw
+    ),
+    "variable_leg": ReducedOrderModel(
+        parameters.VariableLegParameters, VariableLegVectorEnv, parameters.unfit_parameters, drawing.draw
     ),
 }
 

@@ -8,7 +8,8 @@ bit; the crossing is interpolated within a substep.
 
 A state on the section has as coordinates the trunk (x and the last touchdown's x, both relative to the foot; y;
 velocities; pitch if it is free), the feet (y, velocities), and of each leg the motor's torque, the shortening and the
-last touchdown angle. The clock and the action that is held go with the world and are no coordinates.
+last touchdown angle, with motors in the legs the extension, its rate and the drive, too. The clock and the action that
+is held go with the world and are no coordinates.
 """
 
 from __future__ import annotations
@@ -18,9 +19,10 @@ from dataclasses import dataclass, replace
 from itertools import count
 
 import numpy as np
+from gymnasium.spaces import flatdim
 from numpy.typing import NDArray
 
-from romgrl.rom.parameters import SpringLegParameters
+from romgrl.rom.parameters import SpringLegParameters, VariableLegParameters
 from romgrl.rom.vector_env import SpringLegVectorEnv
 
 Array = NDArray[np.float64]
@@ -28,18 +30,20 @@ Policy = Callable[[NDArray[np.float32]], NDArray[np.float32]]
 
 GRAVITY = 9.81
 LONGEST_STRIDE = 3.0  # s
-PREVIOUS_ACTION = slice(30, 32)  # columns of a saved world: cpp/rom/world_state.hpp and Episode::save
+FIRST_ACTION = 37  # of the columns of a saved world: cpp/rom/world_state.hpp and Episode::save
 TRUNK = {"trunk_x": 0, "trunk_y": 1, "trunk_vx": 3, "trunk_vy": 4}
 PITCH = {"pitch": 2, "pitch_rate": 5}
 ORIGIN, TOUCHDOWN_X, LEFT_SLOT = 19, 20, 18
 FOOT = {"y": 1, "vx": 3, "vy": 4}  # from the first column of a foot: 6 or 12
-LEG = {"torque": 0, "shortening": 1, "touchdown_angle": 2}  # from the first column of a leg: 22 or 26
+LEG = {"torque": 0, "shortening": 1, "touchdown_angle": 2}  # from the first column of a leg: 23 or 30
+MOTOR = {"extension": 4, "extension_rate": 5, "drive": 6}
+FIRST_LEG, LEG_COLUMNS = 23, 7
 SIDES = ("left", "right")
 
 
 @dataclass
 class Walkers:
-    """Worlds (B, S) as `SpringLegVectorEnv.save` has them, substeps since the last action (B,), that action (B, 2)."""
+    """Worlds (B, S) as `SpringLegVectorEnv.save` has them, substeps since the last action (B,), that action (B, A)."""
 
     states: Array
     elapsed: NDArray[np.int64]
@@ -90,24 +94,25 @@ class StrideMap:
         self.frequency = control_frequency * self.substeps
         self.names = (*TRUNK, *(() if parameters.trunk_locked else PITCH), "touchdown_x")
         self.names += tuple(f"{side}_foot_{name}" for side in SIDES for name in FOOT)
-        self.names += tuple(f"{side}_{name}" for side in SIDES for name in LEG)
+        self.leg = LEG | (MOTOR if isinstance(parameters, VariableLegParameters) else {})
+        self.names += tuple(f"{side}_{name}" for side in SIDES for name in self.leg)
 
     @property
     def scales(self) -> Array:
         """Unit of each coordinate (n,): leg length, sqrt(g L0), sqrt(g / L0), largest torque, rad."""
         length, torque = self.parameters.leg_length, self.parameters.hip_torque
         speed = np.sqrt(GRAVITY * length)
-        endings = {"_x": length, "_y": length, "_vx": speed, "_vy": speed, "_rate": speed / length, "torque": torque}
-        endings |= {"shortening": length}
+        endings = {"extension_rate": speed, "shortening": length, "extension": length, "torque": torque}
+        endings |= {"_x": length, "_y": length, "_vx": speed, "_vy": speed, "_rate": speed / length}
         return np.array([next((v for end, v in endings.items() if name.endswith(end)), 1.0) for name in self.names])
 
     def settled(self, worlds: int, *, strides: int, seed: int) -> Crossing:
         """`worlds` random starts after `strides` strides."""
         env = self._worlds(worlds)
         env.reset(seed=seed)
-        states = env.save()
+        states, actions = env.save(), flatdim(env.single_action_space)
         env.close()
-        start = Walkers(states, np.full(worlds, self.substeps), np.zeros((worlds, 2), np.float32))
+        start = Walkers(states, np.full(worlds, self.substeps), np.zeros((worlds, actions), np.float32))
         return self.walk(start, strides=strides)
 
     def walk(self, start: Walkers, *, strides: int = 1) -> Crossing:
@@ -115,7 +120,7 @@ class StrideMap:
         worlds = len(start.states)
         now, end = start.tiled(1), start.tiled(1)
         env = self._worlds(worlds)
-        now.states[:, PREVIOUS_ACTION] = now.action
+        now.states[:, FIRST_ACTION : FIRST_ACTION + now.action.shape[1]] = now.action
         observation, _ = env.restore(now.states)
         place, gap = self._motion(now.states)
         coordinates = np.full((worlds, len(self.names)), np.nan)
@@ -156,8 +161,8 @@ class StrideMap:
         for side, name in enumerate(SIDES):
             for ending, column in FOOT.items():
                 states[rows, _foot(states, side) + column] += named[f"{name}_foot_{ending}"]
-            for ending, column in LEG.items():
-                states[:, 22 + 4 * side + column] += named[f"{name}_{ending}"]
+            for ending, column in self.leg.items():
+                states[:, FIRST_LEG + LEG_COLUMNS * side + column] += named[f"{name}_{ending}"]
         return Walkers(states, walkers.elapsed, walkers.action)
 
     def _motion(self, states: Array) -> tuple[Array, Array]:
@@ -165,7 +170,8 @@ class StrideMap:
         rows = np.arange(len(states))
         left, right = (_foot(states, side) for side in range(2))
         feet = [states[rows, first + column] for first in (left, right) for column in FOOT.values()]
-        legs = [states[:, 22 + 4 * side + column] for side in range(2) for column in LEG.values()]
+        first = (FIRST_LEG, FIRST_LEG + LEG_COLUMNS)
+        legs = [states[:, start + column] for start in first for column in self.leg.values()]
         trunk = [states[:, column] for column in TRUNK.values()]
         trunk[0] = trunk[0] - states[rows, left]
         pitch = [] if self.parameters.trunk_locked else [-states[:, column] for column in PITCH.values()]

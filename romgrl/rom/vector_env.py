@@ -14,8 +14,15 @@ from numpy.typing import NDArray
 from romgrl.gait.features import POWERS
 from romgrl.rom import _core
 from romgrl.rom.drawing import draw
-from romgrl.rom.observation import ACTION_NAMES, OBSERVATION_NAMES, PAPER_OBSERVATION_NAMES, mirror
-from romgrl.rom.parameters import Reward, SpringLegParameters, core_parameters
+from romgrl.rom.observation import (
+    ACTION_NAMES,
+    MOTOR_ACTION_NAMES,
+    MOTOR_OBSERVATION_NAMES,
+    OBSERVATION_NAMES,
+    PAPER_OBSERVATION_NAMES,
+    mirror,
+)
+from romgrl.rom.parameters import Commands, Reward, SpringLegParameters, VariableLegParameters, core_parameters
 
 Array = NDArray[Any]
 
@@ -24,6 +31,16 @@ _METADATA: dict[str, Any] = {
     "render_fps": 30,
     "autoreset_mode": AutoresetMode.SAME_STEP,
 }
+
+
+MOTOR_POWERS = ("motor_power", "positive_motor_power")  # of the legs' motors alone, W
+
+
+def names_of(parameters: SpringLegParameters) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """The columns of observations and of actions."""
+    if isinstance(parameters, VariableLegParameters):
+        return MOTOR_OBSERVATION_NAMES, MOTOR_ACTION_NAMES
+    return PAPER_OBSERVATION_NAMES if parameters.observation == "paper" else OBSERVATION_NAMES, ACTION_NAMES
 
 
 def refuse_options(options: dict[str, Any] | None) -> None:
@@ -50,23 +67,25 @@ class SpringLegVectorEnv(VectorEnv[Array, Array, Array]):
     """
 
     metadata = _METADATA
+    default_parameters: type[SpringLegParameters] = SpringLegParameters
 
     def __init__(
         self,
         *,
         parameters: SpringLegParameters | None = None,
         num_envs: int = 1,
-        speed: float = 4.0,
+        speed: float | Commands = 4.0,
         control_frequency: float = 30.0,
         episode_steps: int = 400,
         reward: Reward = "exponential",
         alpha: float = 1.0,
+        motor_cost: float = 0.0,
         num_threads: int = 1,
         render_mode: str | None = None,
     ) -> None:
         if render_mode not in (None, "rgb_array"):
             raise ValueError(f"render_mode {render_mode!r} is neither None nor 'rgb_array'")
-        self.parameters = SpringLegParameters() if parameters is None else parameters
+        self.parameters = self.default_parameters() if parameters is None else parameters
         core = core_parameters(
             self.parameters,
             speed=speed,
@@ -74,6 +93,7 @@ class SpringLegVectorEnv(VectorEnv[Array, Array, Array]):
             episode_steps=episode_steps,
             reward=reward,
             alpha=alpha,
+            motor_cost=motor_cost,
         )
         self._batch = _core.Batch(core, num_envs, num_threads)
         self.num_envs = num_envs
@@ -81,14 +101,13 @@ class SpringLegVectorEnv(VectorEnv[Array, Array, Array]):
         self.speed = speed
         self.dt = 1.0 / control_frequency
         self.metadata = {**_METADATA, "render_fps": round(control_frequency)}
-        size = self._batch.observation_size
+        size, actions = self._batch.observation_size, self._batch.action_size
         self.single_observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (size,), np.float32)
-        self.single_action_space = gymnasium.spaces.Box(-1.0, 1.0, (2,), np.float32)
+        self.single_action_space = gymnasium.spaces.Box(-1.0, 1.0, (actions,), np.float32)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        paper = self.parameters.observation == "paper"
-        self.observation_names = PAPER_OBSERVATION_NAMES if paper else OBSERVATION_NAMES
-        self.mirror_observation, self.mirror_action = mirror(self.observation_names), mirror(ACTION_NAMES)
+        self.observation_names, action_names = names_of(self.parameters)
+        self.mirror_observation, self.mirror_action = mirror(self.observation_names), mirror(action_names)
         self._allocate(num_envs, size)
 
     def _allocate(self, n: int, size: int) -> None:
@@ -103,7 +122,7 @@ class SpringLegVectorEnv(VectorEnv[Array, Array, Array]):
         self._forward_velocity = np.zeros(n, np.float32)
         self._ground_force = np.zeros((n, 2), np.float32)
         self._hip_torque = np.zeros((n, 2), np.float32)
-        self._powers = {name: np.zeros(n, np.float32) for name in POWERS}
+        self._powers = {name: np.zeros(n, np.float32) for name in (*POWERS, *MOTOR_POWERS)}
         self._diverged = np.zeros(n, np.bool_)
         self._travelled = np.zeros(n)  # m in this episode, for drawing
         self._info = {
@@ -186,3 +205,12 @@ class SpringLegVectorEnv(VectorEnv[Array, Array, Array]):
             draw(self._features[i], self._contact[i], float(self._travelled[i]), self.parameters)
             for i in range(self.num_envs)
         )
+
+
+class VariableLegVectorEnv(SpringLegVectorEnv):
+    """The same with a motor in series with each leg's spring: observation (N, 27), action (N, 4).
+
+    The last two actions are the drives of the left and the right motor, from -1, which shortens the rest length, to 1.
+    """
+
+    default_parameters = VariableLegParameters

@@ -9,14 +9,17 @@ from numpy.typing import NDArray
 
 from romgrl.gait.features import POWERS
 from romgrl.rom import _core
+from romgrl.rom.vector_env import MOTOR_POWERS
 
 ENGINE = "box2d"  # the fixture `engine` sets it
 GRAVITY = 9.81
 SUBSTEPS_PER_SECOND = 480
 
-# Columns of a saved state: x, y, angle, vx, vy, rate of trunk and of the two foot slots.
+# Columns of a saved state: x, y, angle, vx, vy, rate of trunk and of the two foot slots; then those of either leg.
 TRUNK = slice(0, 6)
 FEET = (slice(6, 12), slice(12, 18))
+SHORTENING, EXTENSION, EXTENSION_RATE = [24, 31], [27, 34], [28, 35]
+WALKER = slice(0, 37)  # the rest is the episode's
 
 
 TESTED: dict[str, Any] = {"foot_mass": 0.9, "reset_speed_low": 0.5, "reset_speed_high": 1.1}
@@ -28,8 +31,13 @@ def core_parameters(**values: Any) -> _core.Parameters:
     parameters = _core.Parameters()
     parameters.engine_is_native = ENGINE == "native"
     for name, value in (TESTED | values).items():
-        setattr(parameters, name, value)
+        for place in ("speed_low", "speed_high") if name == "speed" else (name,):
+            setattr(parameters, place, value)
     return parameters
+
+
+MOTOR: dict[str, Any] = {"leg_motor": True, "retraction": 0.0}
+"""A motor in each leg, and no script."""
 
 
 def passive(**values: Any) -> _core.Parameters:
@@ -73,7 +81,7 @@ class Worlds:
             "forward_velocity": np.zeros(n, np.float32),
             "ground_force": np.zeros((n, 2), np.float32),
             "hip_torque": np.zeros((n, 2), np.float32),
-            **{name: np.zeros(n, np.float32) for name in POWERS},
+            **{name: np.zeros(n, np.float32) for name in (*POWERS, *MOTOR_POWERS)},
             "diverged": np.zeros(n, np.bool_),
         }
 
@@ -83,7 +91,7 @@ class Worlds:
     def step(self, actions: NDArray[np.float32] | None = None) -> None:
         n = self.batch.num_worlds
         buffers = _core.Buffers(self.batch, self.arrays)
-        self.batch.step(np.zeros((n, 2), np.float32) if actions is None else actions, buffers)
+        self.batch.step(np.zeros((n, self.batch.action_size), np.float32) if actions is None else actions, buffers)
 
     def trunk(self) -> NDArray[np.float64]:
         """x, y, angle, vx, vy, rate of world 0; x in the world."""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from romgrl.gait.features import POWERS
 from romgrl.rom import _core
-from tests.helpers.rom_worlds import GRAVITY, Worlds, core_parameters, passive, pose
+from tests.helpers.rom_worlds import GRAVITY, SHORTENING, Worlds, core_parameters, passive, pose
 
 pytestmark = pytest.mark.usefixtures("engine")
 
@@ -112,7 +112,7 @@ class Energies:
     def energy(self) -> float:
         """Kinetic, potential and of the springs, J."""
         trunk, feet = self.bodies()
-        shortening = self.worlds.batch.save()[0, [23, 27]]
+        shortening = self.worlds.batch.save()[0, SHORTENING]
         length = np.hypot(*(feet[:, :2] - trunk[:2]).T)
         mass = np.array([MASS - 2 * FOOT, FOOT, FOOT])
         bodies = np.vstack((trunk, feet))
@@ -130,7 +130,7 @@ class Energies:
         rate = (along * (feet[:, 3:5] - trunk[3:5])).sum(axis=1)
         self.worlds.step(action)
         new_trunk, new_feet = self.bodies()
-        rest = LENGTH - self.worlds.batch.save()[0, [23, 27]]
+        rest = LENGTH - self.worlds.batch.save()[0, SHORTENING]
         loaded = (feet[:, 1] <= RADIUS) & (length < rest)
         damping = np.where(loaded, STANCE_DAMPING, SWING_DAMPING)
         new_rate = (along * (new_feet[:, 3:5] - new_trunk[3:5])).sum(axis=1)

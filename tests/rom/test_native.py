@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from romgrl.gait.features import POWERS
-from tests.helpers.rom_worlds import Worlds, core_parameters, pose
+from tests.helpers.rom_worlds import WALKER, Worlds, core_parameters, pose
 
 LENGTH, RADIUS = 0.865, 0.072
 Array = NDArray[Any]
@@ -51,7 +51,7 @@ def test_a_substep_is_box2ds(trunk_locked: bool, friction: float) -> None:
         box2d.step(action)
         native.step(action)
         going = ~(box2d["diverged"] | native["diverged"])
-        errors.append(np.abs(native.batch.save() - box2d.batch.save())[going, :30].max(axis=1))
+        errors.append(np.abs(native.batch.save() - box2d.batch.save())[going, WALKER].max(axis=1))
         forces.append(np.abs(native["ground_force"] - box2d["ground_force"])[going].max(axis=1))
         np.testing.assert_allclose(native["hip_torque"], box2d["hip_torque"], rtol=0, atol=1e-4)
         powers.append(
@@ -90,7 +90,7 @@ def test_starts_are_box2ds() -> None:
     """The same episodes from the same seed, also after autoresets."""
     box2d, native = pair(40, episode_steps=5)
     for _ in range(11):
-        np.testing.assert_allclose(native.batch.save()[:, 30:], box2d.batch.save()[:, 30:])
+        np.testing.assert_allclose(native.batch.save()[:, WALKER.stop :], box2d.batch.save()[:, WALKER.stop :])
         for worlds in (box2d, native):
             worlds.step()
     np.testing.assert_allclose(native["observation"][:, 2], box2d["observation"][:, 2], atol=0.02)

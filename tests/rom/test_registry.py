@@ -127,7 +127,7 @@ def test_another_model_has_its_own_keys(pedal: tuple[str, ...]) -> None:
         ),
         ("rom.model=${nothing}", "rom.model: ${nothing} cannot be resolved"),
         ("rom.crank=-1", "rom.crank: -1 is not allowed; allowed: a number >= 0.01 and <= 0.4 m"),
-        ("rom.model=wheel", "rom.model: wheel is not allowed; allowed: spring_leg, pedal"),
+        ("rom.model=wheel", "rom.model: wheel is not allowed; allowed: spring_leg, variable_leg, pedal"),
     ],
 )
 def test_a_key_of_another_model_is_refused(pedal: tuple[str, ...], override: str, line: str) -> None:
@@ -142,7 +142,7 @@ def test_a_model_that_is_none_gets_one_line(pedal: tuple[str, ...], model: str) 
         compose_config(*pedal, f"rom.model={model}")
     (line,) = str(error.value).splitlines()
     assert line.startswith("rom.model: ")
-    assert "; allowed: spring_leg, pedal" in line
+    assert "; allowed: spring_leg, variable_leg, pedal" in line
 
 
 def test_a_model_on_the_preset_of_another_gets_one_line(pedal: tuple[str, ...]) -> None:

@@ -42,7 +42,7 @@ def test_substeps_make_the_motion_of_the_environment_bit_for_bit(engine: str) ->
     fine.restore(states)
     for rest in range(SUBSTEPS):
         there = crossed & (substeps % SUBSTEPS == rest)
-        moved = slice(0, 30) if rest == 0 else slice(0, 32)  # the last action is in the state from the first substep on
+        moved = slice(0, 37) if rest == 0 else slice(0, 39)  # the last action is in the state from the first substep on
         np.testing.assert_array_equal(end.walkers.states[there, moved], fine.save()[there, moved])
         fine.step(actions)
 

@@ -20,21 +20,24 @@ void Environment::reset() {
 void Environment::place(const Pose& pose) {
     std::array<double, kWalkerState> state{};
     pose_state(parameters_, pose, state.data());
-    episode_.begin();
+    episode_.begin(parameters_);
     walker_.place(state.data());
 }
 
 Outcome Environment::step(const float* action) {
-    std::array<double, kLegs> command{};
-    for (int i = 0; i < kActions; ++i) {
+    std::array<double, kLegs> command{}, drive{};
+    for (int i = 0; i < action_size(parameters_); ++i) {
         episode_.previous_action[i] = std::clamp<double>(action[i], -1.0, 1.0);
+    }
+    for (int i = 0; i < kLegs; ++i) {
         command[i] = parameters_.hip_torque * episode_.previous_action[i];
+        drive[i] = episode_.previous_action[kLegs + i];
     }
     const double start = walker_.x();
     std::array<double, kWalkerState> before{};
     walker_.save(before.data());
     Outcome outcome;
-    outcome.diverged = !walker_.step(command);
+    outcome.diverged = !walker_.step(command, drive);
     ++episode_.steps;
     if (outcome.diverged) {
         walker_.restore(before.data());  // the last finite state is what the caller sees
@@ -43,7 +46,8 @@ Outcome Environment::step(const float* action) {
     }
     const double velocity = (walker_.x() - start) * parameters_.control_frequency;
     outcome.forward_velocity = static_cast<float>(velocity);
-    outcome.reward = static_cast<float>(reward(parameters_, velocity));
+    const double motor_power = walker_.work().positive_motor * parameters_.control_frequency;
+    outcome.reward = static_cast<float>(reward(parameters_, episode_.speed, velocity, motor_power));
     outcome.terminated = fallen(parameters_, walker_.y(), walker_.pitch());
     outcome.truncated = !outcome.terminated && episode_.steps >= parameters_.episode_steps;
     return outcome;
@@ -71,12 +75,18 @@ void Environment::observe_full(float* o) const {
         put(14 + i, load / (parameters_.mass * gravity));
         put(16 + i, episode_.previous_action[i]);
     }
-    put(18, parameters_.speed / speed);
+    put(18, episode_.speed / speed);
     put(19, walker_.last_touchdown_side());
+    for (int i = 0; i < kLegs && parameters_.leg_motor; ++i) {
+        put(20 + i, walker_.extension(i) / length);
+        put(22 + i, walker_.extension_rate(i) / speed);
+        put(24 + i, episode_.previous_action[kLegs + i]);
+    }
+    put(26, walker_.stiffness_share());
 }
 
 void Environment::observe(float* observation) const {
-    std::array<float, kFullObservation> full{};
+    std::array<float, kMotorObservation> full{};
     observe_full(full.data());
     write_observation(parameters_, full.data(), observation);
 }
@@ -92,6 +102,13 @@ void Environment::features(float* output) const {
 
 void Environment::contact(bool* output) const {
     for (int i = 0; i < kLegs; ++i) output[i] = walker_.leg(i).contact;
+}
+
+bool Environment::take_command() {
+    double share = walker_.stiffness_share();
+    if (!episode_.take_command(parameters_, share)) return false;
+    walker_.set_stiffness_share(share);
+    return true;
 }
 
 void Environment::save(double* state) const {

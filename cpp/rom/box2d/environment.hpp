@@ -25,6 +25,7 @@ class Environment {
     void reset();  // places the next random episode
     void place(const Pose& pose);
     Outcome step(const float* action);
+    bool take_command();  // another speed and stiffness, if they are due
 
     void observe(float* observation) const;
     void features(float* output) const;

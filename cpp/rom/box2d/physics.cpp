@@ -52,6 +52,7 @@ bool sane_body(const b2Body* body) {  // false for NaN
 
 Walker::Walker(const Parameters& parameters)
     : parameters_(parameters),
+      motor_(parameters),
       dt_(parameters.substep_time()),
       lag_gain_(parameters.torque_lag > 0.0 ? -std::expm1(-dt_ / parameters.torque_lag) : 1.0),
       world_(vector(0.0, -parameters.gravity)) {
@@ -103,7 +104,19 @@ bool Walker::loaded(int side, const LegView& view) const { return view.contact &
 
 double Walker::axial_force(int side, const LegView& view) const {
     const double damping = loaded(side, view) ? parameters_.stance_damping : parameters_.swing_damping;
-    return parameters_.stiffness * (rest_length(side) - view.length) - damping * view.rate;
+    const double rate = view.rate - motion_[side].extension_rate;  // the damper is beside the spring
+    return parameters_.stiffness * stiffness_share_ * (rest_length(side) - view.length) - damping * rate;
+}
+
+// Moves the carriage of a leg's motor against the axial force; adds its work.
+void Walker::update_motor(int side, double drive, double axial) {
+    Motion& motion = motion_[side];
+    motion.drive += motor_.lag_gain * (drive - motion.drive);
+    const Carriage moved = move_carriage(motor_, motion.drive, motion.extension, motion.extension_rate, axial);
+    motion.extension = moved.extension;
+    motion.extension_rate = moved.rate;
+    work_.motor += std::fabs(moved.work);
+    work_.positive_motor += std::max(moved.work, 0.0);
 }
 
 // True at a touchdown: the first load after leaving the ground.
@@ -129,7 +142,7 @@ double Walker::update_shortening(int side, const LegView& view, bool other_loade
     const double compression = rest_length(side) - view.length;
     const double shortened = std::clamp(target - motion.shortening, -change, change);
     motion.shortening += shortened;
-    return -parameters_.stiffness * shortened * (compression - 0.5 * shortened);
+    return -parameters_.stiffness * stiffness_share_ * shortened * (compression - 0.5 * shortened);
 }
 
 // Hip stops: a critically damped spring whose period is a fixed number of substeps, as torque on the leg. It only pushes
@@ -145,7 +158,7 @@ double Walker::stop_torque(const LegView& view) const {
     return -side * parameters_.foot_mass * view.length * view.length * std::max(acceleration, 0.0);
 }
 
-bool Walker::substep(const std::array<double, kLegs>& command) {
+bool Walker::substep(const std::array<double, kLegs>& command, const std::array<double, kLegs>& drive) {
     std::array<LegView, kLegs> view{};
     std::array<bool, kLegs> is_loaded{};
     std::array<double, kLegs> wound{};
@@ -178,6 +191,7 @@ bool Walker::substep(const std::array<double, kLegs>& command) {
         fx[i] = axial * view[i].along_x - across * view[i].along_y;
         fy[i] = axial * view[i].along_y + across * view[i].along_x;
         if (!(std::fabs(fx[i]) < kLargestForce && std::fabs(fy[i]) < kLargestForce)) return false;
+        if (parameters_.leg_motor) update_motor(i, drive[i], axial);
     }
     for (int i = 0; i < kLegs; ++i) foot(i)->ApplyForceToCenter(vector(fx[i], fy[i]), true);
     trunk_->ApplyForceToCenter(vector(-(fx[0] + fx[1]), -(fy[0] + fy[1])), true);
@@ -219,16 +233,19 @@ void Walker::add_hip_work(const std::array<LegView, kLegs>& before, double pitch
     work_.positive_hip += std::max(done[0], 0.0) + std::max(done[1], 0.0);
 }
 
-bool Walker::step(const std::array<double, kLegs>& command) {
+bool Walker::step(const std::array<double, kLegs>& command, const std::array<double, kLegs>& drive) {
     ground_force_.fill(0.0);
     work_ = Work{};
     for (int i = 0; i < parameters_.substeps; ++i) {
-        if (!substep(command)) return false;
+        if (!substep(command, drive)) return false;
     }
     return true;
 }
 
-bool Walker::sane() const { return sane_body(trunk_) && sane_body(feet_[0]) && sane_body(feet_[1]); }
+bool Walker::sane() const {
+    return sane_body(trunk_) && sane_body(feet_[0]) && sane_body(feet_[1]) &&
+           std::fabs(motion_[0].extension_rate) < kLargestVelocity && std::fabs(motion_[1].extension_rate) < kLargestVelocity;
+}
 
 void Walker::recentre() {
     const double shift = kShift * std::trunc(trunk_->GetPosition().x / kShift);

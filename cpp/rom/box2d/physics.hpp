@@ -10,6 +10,7 @@
 
 #include <box2d/box2d.h>
 
+#include "rom/leg_motor.hpp"
 #include "rom/work.hpp"
 #include "rom/world_state.hpp"
 
@@ -27,8 +28,9 @@ class Walker {
   public:
     explicit Walker(const Parameters& parameters);
 
-    // One control step with hip torque commands in N m. False: the state left the numbers that Box2D can take.
-    bool step(const std::array<double, kLegs>& command);
+    // One control step with hip torques in N m and the drives of the legs' motors. False: the state left the numbers that
+    // Box2D can take.
+    bool step(const std::array<double, kLegs>& command, const std::array<double, kLegs>& drive);
 
     LegView leg(int side) const;
     double x() const { return origin_ + trunk_->GetPosition().x; }
@@ -43,6 +45,10 @@ class Walker {
     const std::array<double, kLegs>& ground_force() const { return ground_force_; }  // mean of the last step, N
     const std::array<double, kLegs>& hip_torque() const { return hip_torque_; }  // of the last substep, N m
     const Work& work() const { return work_; }  // of the last step
+    double extension(int side) const { return motion_[side].extension; }  // of the rest length, m
+    double extension_rate(int side) const { return motion_[side].extension_rate; }
+    double stiffness_share() const { return stiffness_share_; }
+    void set_stiffness_share(double share) { stiffness_share_ = share; }
     double last_touchdown_x() const { return last_touchdown_x_; }
     int last_touchdown_side() const { return last_touchdown_side_; }  // 1 left, -1 right, 0 none
 
@@ -56,21 +62,26 @@ class Walker {
         double shortening = 0.0;  // retraction of the rest length, m
         double touchdown_angle = 0.0;
         bool airborne = true;  // left the ground since it was last loaded
+        double extension = 0.0, extension_rate = 0.0, drive = 0.0;  // see LegMotor
     };
 
     b2Body* foot(int side) const { return feet_[slot_[side]]; }
-    double rest_length(int side) const { return parameters_.leg_length - motion_[side].shortening; }
+    double rest_length(int side) const {
+        return parameters_.leg_length - motion_[side].shortening + motion_[side].extension;
+    }
     bool update_touchdown(int side, const LegView& view, bool is_loaded);
     double update_shortening(int side, const LegView& view, bool other_loaded);
     double stop_torque(const LegView& view) const;
-    bool substep(const std::array<double, kLegs>& command);
+    bool substep(const std::array<double, kLegs>& command, const std::array<double, kLegs>& drive);
+    void update_motor(int side, double drive, double axial);
     void add_ground_force();
     void add_hip_work(const std::array<LegView, kLegs>& before, double pitch_rate_before);
     void recentre();
     bool sane() const;
 
     Parameters parameters_;
-    double dt_, lag_gain_;
+    LegMotor motor_;
+    double dt_, lag_gain_, stiffness_share_ = 1.0;
     b2World world_;
     b2Body* trunk_ = nullptr;
     std::array<b2Body*, kLegs> feet_{};

@@ -37,12 +37,16 @@ void Walker::save(double* state) const {
     state[19] = origin_;
     state[20] = last_touchdown_x_;
     state[21] = last_touchdown_side_;
+    state[22] = stiffness_share_;
     for (int i = 0; i < kLegs; ++i) {
-        double* motion = state + 22 + 4 * i;
+        double* motion = state + kMotion + kLegMotion * i;
         motion[0] = motion_[i].torque;
         motion[1] = motion_[i].shortening;
         motion[2] = motion_[i].touchdown_angle;
         motion[3] = motion_[i].airborne ? 1.0 : 0.0;
+        motion[4] = motion_[i].extension;
+        motion[5] = motion_[i].extension_rate;
+        motion[6] = motion_[i].drive;
     }
 }
 
@@ -54,9 +58,10 @@ void Walker::restore(const double* state) {
     origin_ = state[19];
     last_touchdown_x_ = state[20];
     last_touchdown_side_ = static_cast<int>(state[21]);
+    stiffness_share_ = state[22];
     for (int i = 0; i < kLegs; ++i) {
-        const double* motion = state + 22 + 4 * i;
-        motion_[i] = Motion{motion[0], motion[1], motion[2], motion[3] != 0.0};
+        const double* motion = state + kMotion + kLegMotion * i;
+        motion_[i] = Motion{motion[0], motion[1], motion[2], motion[3] != 0.0, motion[4], motion[5], motion[6]};
     }
 }
 

@@ -18,14 +18,15 @@ void warm_up() {
         pose.y = 0.9;
         pose.leg_length.fill(parameters.leg_length);
         environment.place(pose);
-        const float action[kActions] = {0.0F, 0.0F};
+        const float action[kMostActions] = {};
         environment.step(action);
     });
 }
 
 class Box2DWorlds : public Worlds {
   public:
-    Box2DWorlds(const Parameters& parameters, int worlds) : size_(observation_size(parameters)) {
+    Box2DWorlds(const Parameters& parameters, int worlds)
+        : size_(observation_size(parameters)), actions_(action_size(parameters)) {
         warm_up();
         environments_.reserve(worlds);
         for (int i = 0; i < worlds; ++i) {
@@ -57,7 +58,7 @@ class Box2DWorlds : public Worlds {
 
     void step(int world, const float* actions, const StepArrays& arrays) override {
         Environment& environment = *environments_[world];
-        const Outcome outcome = environment.step(actions + kActions * world);
+        const Outcome outcome = environment.step(actions + actions_ * world);
         float* final_observation = arrays.final_observation + size_ * world;
         float* features = arrays.features + kFeatures * world;
         environment.observe(final_observation);
@@ -75,8 +76,9 @@ class Box2DWorlds : public Worlds {
         write_power(environment.parameters(), outcome.diverged ? Work{} : environment.walker().work(), world, arrays);
         float* observation = arrays.observation + size_ * world;
         float* reset_features = arrays.reset_features + kFeatures * world;
-        if (outcome.terminated || outcome.truncated) {
-            environment.reset();
+        const bool ended = outcome.terminated || outcome.truncated;
+        if (ended) environment.reset();
+        if (ended || environment.take_command()) {
             environment.observe(observation);
             environment.features(reset_features);
         } else {
@@ -86,7 +88,7 @@ class Box2DWorlds : public Worlds {
     }
 
   private:
-    int size_;
+    int size_, actions_;
     std::vector<std::unique_ptr<Environment>> environments_;
 };
 

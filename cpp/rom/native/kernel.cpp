@@ -63,8 +63,27 @@ ROMGRL_INLINE Leg look(const NativeConstants& c, const Group& g, const Body& foo
     return leg;
 }
 
-ROMGRL_INLINE double axial_force(const NativeConstants& c, const Leg& leg, double rest, bool loaded) {
-    return c.stiffness * (rest - leg.length) - (loaded ? c.stance_damping : c.swing_damping) * leg.rate;
+// The damper is beside the spring, so that it moves with the rest length.
+ROMGRL_INLINE double axial_force(const NativeConstants& c, const Leg& leg, double stiffness, double rest, double rest_rate,
+                                 bool loaded) {
+    return stiffness * (rest - leg.length) - (loaded ? c.stance_damping : c.swing_damping) * (leg.rate - rest_rate);
+}
+
+// Without a motor the extension is zero, which changes no bit.
+ROMGRL_INLINE double rest_of(const NativeConstants& c, const LegLanes& lanes, int n) {
+    return c.leg_length - lanes.shortening[n] + lanes.extension[n];
+}
+
+// Moves the carriage of a leg's motor against the axial force; adds its work.
+ROMGRL_INLINE void update_motor(const NativeConstants& c, LegLanes& lanes, double command, double axial, WorkLanes& work,
+                                int n) {
+    const double drive = lanes.drive[n] + c.motor.lag_gain * (command - lanes.drive[n]);
+    const Carriage moved = move_carriage(c.motor, drive, lanes.extension[n], lanes.extension_rate[n], axial);
+    lanes.drive[n] = drive;
+    lanes.extension[n] = moved.extension;
+    lanes.extension_rate[n] = moved.rate;
+    work.motor[n] += std::fabs(moved.work);
+    work.positive_motor[n] += larger(moved.work, 0.0);
 }
 
 // 1 at a touchdown: the first load after leaving the ground.
@@ -132,12 +151,12 @@ ROMGRL_INLINE double hip_work(const Group& g, const LegLanes& lanes, const Leg& 
     return lanes.hip_torque[n] * (rate + after);
 }
 
+template <bool kMotor>
 ROMGRL_INLINE void update_velocities(const NativeConstants& c, const Command& command, Group& g, Scratch& s,
                                      WorkLanes& work, int n) {
     LegLanes &p = g.leg[0], &q = g.leg[1];
     const Leg a = look(c, g, p.foot, n), b = look(c, g, q.foot, n);
-    const bool a_loaded = a.contact & (a.length < c.leg_length - p.shortening[n]);
-    const bool b_loaded = b.contact & (b.length < c.leg_length - q.shortening[n]);
+    const bool a_loaded = a.contact & (a.length < rest_of(c, p, n)), b_loaded = b.contact & (b.length < rest_of(c, q, n));
     const double a_down = update_touchdown(p, a, a_loaded, n), b_down = update_touchdown(q, b, b_loaded, n);
     const double a_shortened = update_shortening(c, p, a, a_loaded, b_loaded, n);
     const double b_shortened = update_shortening(c, q, b, b_loaded, a_loaded, n);
@@ -159,16 +178,20 @@ ROMGRL_INLINE void update_velocities(const NativeConstants& c, const Command& co
 
     const double a_rate = a.angle_rate - g.rate[n], b_rate = b.angle_rate - g.rate[n];
 
-    const double a_rest = c.leg_length - p.shortening[n], b_rest = c.leg_length - q.shortening[n];
+    const double a_rest = rest_of(c, p, n), b_rest = rest_of(c, q, n), stiffness = c.stiffness * g.stiffness_share[n];
     const double a_wound = retraction_work(a, a_rest, a_shortened), b_wound = retraction_work(b, b_rest, b_shortened);
-    const double a_axial = axial_force(c, a, a_rest, a.contact & (a.length < a_rest));
-    const double b_axial = axial_force(c, b, b_rest, b.contact & (b.length < b_rest));
+    const double a_axial = axial_force(c, a, stiffness, a_rest, p.extension_rate[n], a.contact & (a.length < a_rest));
+    const double b_axial = axial_force(c, b, stiffness, b_rest, q.extension_rate[n], b.contact & (b.length < b_rest));
     const double a_across = a_torque * a.inverse_lever, b_across = b_torque * b.inverse_lever;
     const double a_fx = a_axial * a.along_x - a_across * a.along_y, a_fy = a_axial * a.along_y + a_across * a.along_x;
     const double b_fx = b_axial * b.along_x - b_across * b.along_y, b_fy = b_axial * b.along_y + b_across * b.along_x;
     g.trunk.vx[n] -= c.dt * c.trunk_inverse_mass * (a_fx + b_fx);
     g.trunk.vy[n] -= c.dt * c.trunk_inverse_mass * (a_fy + b_fy) + c.trunk_fall;
     g.rate[n] -= c.dt * c.trunk_inverse_inertia * (a_torque + b_torque);
+    if (kMotor) {
+        update_motor(c, p, command.drive[0][n], a_axial, work, n);
+        update_motor(c, q, command.drive[1][n], b_axial, work, n);
+    }
     const bool a_stop = move_foot(c, g.trunk, p, s.leg[0], a, a_fx, a_fy, n);
     const bool b_stop = move_foot(c, g.trunk, q, s.leg[1], b, b_fx, b_fy, n);
     s.stopped[n] = (a_stop | b_stop) ? 1.0 : 0.0;
@@ -240,16 +263,10 @@ ROMGRL_INLINE void recentre(Group& g) {
     }
 }
 
-}  // namespace
-
-ROMGRL_CLONES void native_step(const NativeConstants& constants, const Command& command, Group& group,
-                               WorkLanes& work) {
-    const NativeConstants c = constants;
-    Scratch scratch;
-    WorkLanes done{};
-    group.leg[0].ground_impulse = group.leg[1].ground_impulse = Lanes{};
+template <bool kMotor>
+ROMGRL_INLINE void substeps(const NativeConstants& c, const Command& command, Group& group, Scratch& scratch, WorkLanes& done) {
     for (int substep = 0; substep < c.substeps; ++substep) {
-        for (int n = 0; n < kLanes; ++n) update_velocities(c, command, group, scratch, done, n);
+        for (int n = 0; n < kLanes; ++n) update_velocities<kMotor>(c, command, group, scratch, done, n);
         if (any(scratch.stopped)) {
             for (int n = 0; n < kLanes; ++n) {
                 if (scratch.stopped[n] > 0.0) stop(c, scratch, n, group, done);
@@ -262,12 +279,30 @@ ROMGRL_CLONES void native_step(const NativeConstants& constants, const Command& 
             }
         }
     }
+}
+
+}  // namespace
+
+ROMGRL_CLONES void native_step(const NativeConstants& constants, const Command& command, Group& group,
+                               WorkLanes& work) {
+    const NativeConstants c = constants;
+    Scratch scratch;
+    WorkLanes done{};
+    group.leg[0].ground_impulse = group.leg[1].ground_impulse = Lanes{};
+    if (c.has_motor) {
+        substeps<true>(c, command, group, scratch, done);
+    } else {
+        substeps<false>(c, command, group, scratch, done);
+    }
     recentre(group);
     for (int n = 0; n < kLanes; ++n) {
         work.hip[n] = 0.5 * c.dt * done.hip[n];
         work.positive_hip[n] = 0.5 * c.dt * done.positive_hip[n];
-        work.retraction[n] = c.stiffness * done.retraction[n];
-        work.positive_retraction[n] = c.stiffness * done.positive_retraction[n];
+        const double stiffness = c.stiffness * group.stiffness_share[n];
+        work.retraction[n] = stiffness * done.retraction[n];
+        work.positive_retraction[n] = stiffness * done.positive_retraction[n];
+        work.motor[n] = done.motor[n];
+        work.positive_motor[n] = done.positive_motor[n];
     }
 }
 
@@ -276,7 +311,7 @@ ROMGRL_CLONES void native_view(const NativeConstants& c, const Group& group, Vie
         const LegLanes& lanes = group.leg[i];
         for (int n = 0; n < kLanes; ++n) {
             const Leg leg = look(c, group, lanes.foot, n);
-            const double rest = c.leg_length - lanes.shortening[n];
+            const double rest = rest_of(c, lanes, n), stiffness = c.stiffness * group.stiffness_share[n];
             const bool loaded = leg.contact & (leg.length < rest);
             view.length[i][n] = leg.length;
             view.rate[i][n] = leg.rate;
@@ -284,7 +319,7 @@ ROMGRL_CLONES void native_view(const NativeConstants& c, const Group& group, Vie
             view.angle_rate[i][n] = leg.angle_rate;
             view.x[i][n] = leg.length * leg.along_x;
             view.y[i][n] = leg.length * leg.along_y;
-            view.load[i][n] = loaded ? axial_force(c, leg, rest, loaded) : 0.0;
+            view.load[i][n] = loaded ? axial_force(c, leg, stiffness, rest, lanes.extension_rate[n], loaded) : 0.0;
             view.contact[i][n] = leg.contact ? 1.0 : 0.0;
         }
     }

@@ -4,6 +4,7 @@
 // the legs and deep penetration couple the bodies; the few worlds where they are in play go through Box2D's iterations.
 #pragma once
 
+#include "rom/leg_motor.hpp"
 #include "rom/parameters.hpp"
 #include "rom/world_state.hpp"
 
@@ -30,6 +31,7 @@ struct Body {
 struct LegLanes {
     Body foot;
     Lanes torque, shortening, touchdown_angle, airborne;  // airborne: 1 if it left the ground since it was last loaded
+    Lanes extension, extension_rate, drive;  // of the rest length, m, m/s; of the leg's motor
     Lanes ground_impulse, hip_torque;  // of the last control step, N s per foot mass; of the last substep, N m
 };
 
@@ -37,6 +39,7 @@ struct Group {
     Body trunk;
     Lanes angle, rate;  // of the trunk, counter-clockwise
     Lanes origin, touchdown_x, touchdown_side, left_slot;
+    Lanes stiffness_share;
     LegLanes leg[kLegs];
 };
 
@@ -63,6 +66,8 @@ struct NativeConstants {
     double hip_angle_limit, stop_stiffness, stop_damping;  // of the hip stops, per m^2 of leg length
     double moment_limit, friction;
     double foot_inverse_mass, trunk_inverse_mass, trunk_inverse_inertia;
+    LegMotor motor;
+    bool has_motor;
     double foot_fall, trunk_fall;  // velocity that gravity adds per substep, m/s
     double shortest, longest;  // leg between its stops, m
     int substeps, velocity_iterations, position_iterations;
@@ -70,11 +75,12 @@ struct NativeConstants {
 
 // See Work. While a step lasts, the hips' is per half a substep's time, the retraction's per stiffness.
 struct WorkLanes {
-    Lanes hip, positive_hip, retraction, positive_retraction;
+    Lanes hip, positive_hip, retraction, positive_retraction, motor, positive_motor;
 };
 
 struct Command {
     Lanes torque[kLegs];  // N m
+    Lanes drive[kLegs];  // of the legs' motors
 };
 
 // What an observation is made of, in SI units.

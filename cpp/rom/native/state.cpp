@@ -33,6 +33,8 @@ NativeConstants::NativeConstants(const Parameters& p)
       foot_inverse_mass(1.0 / p.foot_mass),
       trunk_inverse_mass(p.trunk_pinned ? 0.0 : 1.0 / (p.mass - kLegs * p.foot_mass)),
       trunk_inverse_inertia(p.trunk_pinned || p.trunk_locked ? 0.0 : 1.0 / p.trunk_inertia),
+      motor(p),
+      has_motor(p.leg_motor),
       foot_fall(dt * p.gravity),
       trunk_fall(p.trunk_pinned ? 0.0 : foot_fall),
       shortest(p.compression_limit * p.leg_length),
@@ -43,7 +45,8 @@ NativeConstants::NativeConstants(const Parameters& p)
 
 bool sane(const Group& g, int n) {
     return sane(g.trunk, n) && sane(g.leg[0].foot, n) && sane(g.leg[1].foot, n) &&
-           std::fabs(g.angle[n]) < kLargestPosition && std::fabs(g.rate[n]) < kLargestVelocity;
+           std::fabs(g.angle[n]) < kLargestPosition && std::fabs(g.rate[n]) < kLargestVelocity &&
+           std::fabs(g.leg[0].extension_rate[n]) < kLargestVelocity && std::fabs(g.leg[1].extension_rate[n]) < kLargestVelocity;
 }
 
 void copy_lane(const Group& from, int n, Group& to) {
@@ -67,14 +70,18 @@ void put_lane(const double* state, bool pinned, int n, Group& g) {
     g.origin[n] = state[19];
     g.touchdown_x[n] = state[20];
     g.touchdown_side[n] = state[21];
+    g.stiffness_share[n] = state[22];
     for (int i = 0; i < kLegs; ++i) {
         put_body(g.leg[i].foot, state + 6 + 6 * i, false);
         LegLanes& leg = g.leg[slot_of(g, n, i)];
-        const double* motion = state + 22 + 4 * i;
+        const double* motion = state + kMotion + kLegMotion * i;
         leg.torque[n] = motion[0];
         leg.shortening[n] = motion[1];
         leg.touchdown_angle[n] = motion[2];
         leg.airborne[n] = motion[3];
+        leg.extension[n] = motion[4];
+        leg.extension_rate[n] = motion[5];
+        leg.drive[n] = motion[6];
         leg.ground_impulse[n] = leg.hip_torque[n] = 0.0;
     }
 }
@@ -89,11 +96,13 @@ void get_lane(const Group& g, int n, double* state) {
     state[19] = g.origin[n];
     state[20] = g.touchdown_x[n];
     state[21] = g.touchdown_side[n];
+    state[22] = g.stiffness_share[n];
     for (int i = 0; i < kLegs; ++i) {
         get_body(g.leg[i].foot, 0.0, 0.0, state + 6 + 6 * i);
         const LegLanes& leg = g.leg[slot_of(g, n, i)];
-        const double values[4] = {leg.torque[n], leg.shortening[n], leg.touchdown_angle[n], leg.airborne[n]};
-        std::copy_n(values, 4, state + 22 + 4 * i);
+        const double values[kLegMotion] = {leg.torque[n],    leg.shortening[n],     leg.touchdown_angle[n], leg.airborne[n],
+                                           leg.extension[n], leg.extension_rate[n], leg.drive[n]};
+        std::copy_n(values, kLegMotion, state + kMotion + kLegMotion * i);
     }
 }
 

@@ -16,6 +16,7 @@ class NativeWorlds : public Worlds {
           constants_(parameters),
           count_(worlds),
           size_(observation_size(parameters)),
+          actions_(action_size(parameters)),
           groups_((worlds + kLanes - 1) / kLanes),
           episodes_(worlds) {
         for (int world = 0; world < worlds; ++world) episodes_[world].world = static_cast<std::uint64_t>(world);
@@ -36,7 +37,7 @@ class NativeWorlds : public Worlds {
     void place(int world, const Pose& pose) override {
         double state[kWalkerState];
         pose_state(parameters_, pose, state);
-        episodes_[world].begin();
+        episodes_[world].begin(parameters_);
         put(world, state);
     }
 
@@ -75,18 +76,20 @@ class NativeWorlds : public Worlds {
         }
         View view;
         native_view(constants_, group, view);
-        bool again = false;
+        bool changed[kLanes], again = false;
         for (int world = first(block); world < last(block); ++world) {
             write(world, view, arrays.final_observation, arrays.features);
             write_contact(world, view, arrays.contact);
             const int n = world - first(block);
-            const Work done{work.hip[n], work.positive_hip[n], work.retraction[n], work.positive_retraction[n]};
+            const Work done{work.hip[n],   work.positive_hip[n],  work.retraction[n], work.positive_retraction[n],
+                            work.motor[n], work.positive_motor[n]};
             write_power(parameters_, diverged[n] ? Work{} : done, world, arrays);
-            again |= finish(world, before, diverged[n], arrays);
+            changed[n] = finish(world, before, diverged[n], arrays);
+            again |= changed[n];
         }
         if (again) native_view(constants_, group, view);
         for (int world = first(block); world < last(block); ++world) {
-            if (arrays.terminated[world] || arrays.truncated[world]) {
+            if (changed[world - first(block)]) {
                 write(world, view, arrays.observation, arrays.reset_features);
             } else {
                 std::copy_n(arrays.final_observation + size_ * world, size_, arrays.observation + size_ * world);
@@ -116,7 +119,7 @@ class NativeWorlds : public Worlds {
 
     Parameters parameters_;
     NativeConstants constants_;
-    int count_, size_;
+    int count_, size_, actions_;
     std::vector<Group> groups_;
     std::vector<Episode> episodes_;
     std::array<double, kWalkerState> idle_{};
@@ -128,23 +131,28 @@ Command NativeWorlds::take_actions(int block, const float* actions) {
         const int n = world % kLanes;
         Episode& episode = episodes_[world];
         ++episode.steps;
+        for (int i = 0; i < actions_; ++i) {
+            episode.previous_action[i] = std::clamp<double>(actions[actions_ * world + i], -1.0, 1.0);
+        }
         for (int i = 0; i < kLegs; ++i) {
-            episode.previous_action[i] = std::clamp<double>(actions[kActions * world + i], -1.0, 1.0);
-            command.torque[slot_of(groups_[block], n, i)][n] = parameters_.hip_torque * episode.previous_action[i];
+            const int slot = slot_of(groups_[block], n, i);
+            command.torque[slot][n] = parameters_.hip_torque * episode.previous_action[i];
+            command.drive[slot][n] = episode.previous_action[kLegs + i];
         }
     }
     return command;
 }
 
-// Outcome of a step and the autoreset after it; tells if there was one.
+// Outcome of a step and what follows it: an autoreset, or another command. Tells if there was one.
 bool NativeWorlds::finish(int world, const Group& before, bool diverged, const StepArrays& arrays) {
-    const Group& g = groups_[world / kLanes];
+    Group& g = groups_[world / kLanes];
     const int n = world % kLanes;
     const double start = before.origin[n] + before.trunk.x[n];
     const double velocity = (g.origin[n] + g.trunk.x[n] - start) * parameters_.control_frequency;
+    const double motor_power = arrays.positive_motor_power[world];
     const bool terminated = diverged || fallen(parameters_, g.trunk.y[n], -g.angle[n]);
     arrays.forward_velocity[world] = static_cast<float>(velocity);
-    arrays.reward[world] = diverged ? 0.0F : static_cast<float>(reward(parameters_, velocity));
+    arrays.reward[world] = diverged ? 0.0F : static_cast<float>(reward(parameters_, episodes_[world].speed, velocity, motor_power));
     arrays.diverged[world] = diverged;
     arrays.terminated[world] = terminated;
     arrays.truncated[world] = !terminated && episodes_[world].steps >= parameters_.episode_steps;
@@ -156,7 +164,7 @@ bool NativeWorlds::finish(int world, const Group& before, bool diverged, const S
     }
     const bool done = terminated || arrays.truncated[world];
     if (done) begin(world);
-    return done;
+    return done || episodes_[world].take_command(parameters_, g.stiffness_share[n]);
 }
 
 // Lengths in leg lengths, speeds in sqrt(g L0), rates in sqrt(g / L0), forces in body weights.
@@ -166,7 +174,7 @@ void NativeWorlds::write(int world, const View& view, float* observation, float*
     const double length = parameters_.leg_length;
     const double gravity = parameters_.gravity > 0.0 ? parameters_.gravity : 1.0;
     const double speed = std::sqrt(gravity * length), rate = std::sqrt(gravity / length);
-    float o[kFullObservation];
+    float o[kMotorObservation];
     const auto put = [&o](int column, double value) { o[column] = static_cast<float>(value); };
     float* f = features + kFeatures * world;
     put(0, (g.origin[n] + g.trunk.x[n] - g.touchdown_x[n]) / length);
@@ -187,8 +195,15 @@ void NativeWorlds::write(int world, const View& view, float* observation, float*
         f[1 + 2 * i] = static_cast<float>(view.x[k][n]);
         f[2 + 2 * i] = static_cast<float>(view.y[k][n]);
     }
-    put(18, parameters_.speed / speed);
+    put(18, episodes_[world].speed / speed);
     put(19, g.touchdown_side[n]);
+    for (int i = 0; i < kLegs && constants_.has_motor; ++i) {
+        const LegLanes& leg = g.leg[slot_of(g, n, i)];
+        put(20 + i, leg.extension[n] / length);
+        put(22 + i, leg.extension_rate[n] / speed);
+        put(24 + i, episodes_[world].previous_action[kLegs + i]);
+    }
+    put(26, g.stiffness_share[n]);
     write_observation(parameters_, o, observation + size_ * world);
 }
 
