@@ -7,12 +7,14 @@ from collections.abc import Mapping
 SPEED, CADENCE = 3.0, 5.0
 """Errors of speed and cadence, in percent, up to which they are right."""
 LATE_ETA, MOST_ETA, ETA_FACTOR = 0.5, 0.7, 1.1
+SECOND_ETA = 0.25
 STANDING, STANDING_FACTOR, SPEED_FACTOR, FOLLOWS = 50.0, 1.5, 1.15, 1.5
 ADAPTS_FROM, LATE_FROM = 0.32, 0.6
 """What the weight does not fall below late in a training, and its largest value; its change at a check where the
-cadence is wrong, where the walker is so many percent too slow that it stands in a pose that pays, and where its speed
-is wrong; how many times the error of the speed that of a cadence may be which follows from it; the shares of all steps
-that a student has to find its feet before, and from which on it is late."""
+cadence is wrong (and what it is on a second try, which no check changes), where the walker is so many percent too slow
+that it stands in a pose that pays, and where its speed is wrong; how many times the error of the speed that of a
+cadence may be which follows from it; the shares of all steps that a student has to find its feet before, and from
+which on it is late."""
 
 
 def adapted(eta: float, row: Mapping[str, float], *, fell: bool) -> float:

@@ -27,6 +27,7 @@ from romgrl.stages.training.adapted_eta import (
     ADAPTS_FROM,
     CADENCE,
     LATE_FROM,
+    SECOND_ETA,
     SPEED,
     STANDING,
     adapted,
@@ -125,14 +126,13 @@ class GaitChecks:
         if budget.reached(step, 0.5):
             self.tell(row)
         adapts = self.config.student.adapt_eta and self.teacher is not None and self.config.eta < 1
-        if adapts and budget.reached(step, ADAPTS_FROM):
+        if adapts and budget.reached(step, ADAPTS_FROM) and not budget.again:
             new = adapted(learner.eta, row, fell=row["falls"] > EPISODES / 4)
-            again = budget.again > 0 and another_stride(row)  # which needs more imitation before all else
-            learner.eta = max(least_eta(self.config.eta, 0.0 if again else budget.share(step)), new)
+            learner.eta = max(least_eta(self.config.eta, budget.share(step)), new)
         pd.DataFrame(self.rows).to_csv(self.output / FILE, index=False)
         if self.is_lost(step, budget):
             budget.go_back(step, ADAPTS_FROM)
-            learner.eta = min(learner.eta, self.config.eta)
+            learner.eta = min(SECOND_ETA, self.config.eta)
             self.log.message(
                 f"gait at step {step:,.0f}: no nearer to the teacher's than a statue; {budget.again:,} steps are made "
                 f"again, to {budget.end:,}"
