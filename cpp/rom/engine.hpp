@@ -34,19 +34,19 @@ struct StepArrays {
     float* positive_power;
     float* retraction_power;
     float* positive_retraction_power;
-    float* motor_power;
-    float* positive_motor_power;
+    float* leg_motor_power;
+    float* positive_leg_motor_power;
     bool* diverged;
 };
 
 inline void write_power(const Parameters& parameters, const Work& work, int world, const StepArrays& arrays) {
     const auto mean = [&parameters](double joules) { return static_cast<float>(joules * parameters.control_frequency); };
-    arrays.power[world] = mean(work.hip + work.retraction + work.motor);
-    arrays.positive_power[world] = mean(work.positive_hip + work.positive_retraction + work.positive_motor);
+    arrays.power[world] = mean(work.hip + work.retraction + work.leg_motor);
+    arrays.positive_power[world] = mean(work.positive_hip + work.positive_retraction + work.positive_leg_motor);
     arrays.retraction_power[world] = mean(work.retraction);
     arrays.positive_retraction_power[world] = mean(work.positive_retraction);
-    arrays.motor_power[world] = mean(work.motor);
-    arrays.positive_motor_power[world] = mean(work.positive_motor);
+    arrays.leg_motor_power[world] = mean(work.leg_motor);
+    arrays.positive_leg_motor_power[world] = mean(work.positive_leg_motor);
 }
 
 inline int observation_size(const Parameters& parameters) {

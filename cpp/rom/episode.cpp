@@ -89,11 +89,11 @@ bool is_state(const double* state) {
 }
 
 // The cost of the motors' work is per body weight and sqrt(g L0).
-double reward(const Parameters& p, double speed, double velocity, double motor_power) {
+double reward(const Parameters& p, double speed, double velocity, double leg_motor_power) {
     const double held = p.reward_is_velocity ? velocity : std::exp(-p.alpha * std::fabs(velocity - speed));
-    if (p.motor_cost == 0.0) return held;
+    if (p.leg_motor_cost == 0.0) return held;
     const double gravity = p.gravity > 0.0 ? p.gravity : 1.0;
-    return held - p.motor_cost * motor_power / (p.mass * gravity * std::sqrt(gravity * p.leg_length));
+    return held - p.leg_motor_cost * leg_motor_power / (p.mass * gravity * std::sqrt(gravity * p.leg_length));
 }
 
 bool fallen(const Parameters& p, double y, double pitch) {

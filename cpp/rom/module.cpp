@@ -58,8 +58,8 @@ class Buffers {
         bind(arrays, arrays_.positive_power, "positive_power", 0);
         bind(arrays, arrays_.retraction_power, "retraction_power", 0);
         bind(arrays, arrays_.positive_retraction_power, "positive_retraction_power", 0);
-        bind(arrays, arrays_.motor_power, "motor_power", 0);
-        bind(arrays, arrays_.positive_motor_power, "positive_motor_power", 0);
+        bind(arrays, arrays_.leg_motor_power, "leg_motor_power", 0);
+        bind(arrays, arrays_.positive_leg_motor_power, "positive_leg_motor_power", 0);
         bind(arrays, arrays_.diverged, "diverged", 0);
     }
 
@@ -158,6 +158,9 @@ PYBIND11_MODULE(_core, module) {
     bind_parameters(module);
     bind_pose(module);
     module.attr("STATE_SIZE") = py::int_(romgrl::kState);
+    module.attr("WALKER_SIZE") = py::int_(romgrl::kWalkerState);
+    module.attr("FIRST_LEG") = py::int_(romgrl::kMotion);
+    module.attr("LEG_SIZE") = py::int_(romgrl::kLegMotion);
     py::class_<Buffers>(module, "Buffers")
         .def(py::init<const Batch&, const py::dict&>(), py::arg("batch"), py::arg("arrays"));
     py::class_<Batch>(module, "Batch")

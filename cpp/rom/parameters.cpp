@@ -34,8 +34,10 @@ void require_stable(const Parameters& p) {
 }
 
 // The carriage of a leg's motor: semi-implicit Euler as above, with all that resists its speed as damping.
-void require_stable_motor(const Parameters& p) {
+void require_leg_motor(const Parameters& p) {
     if (!p.leg_motor) return;
+    require(!p.observation_is_paper, "observation: the paper's has no leg motor");
+    require(p.shortest_rest > p.compression_limit, "shortest_rest must exceed compression_limit");
     const double dt = p.substep_time(), stiffness = p.stiffness * p.stiffness_share_high;
     const double slope = std::fmax(1.0 / p.motor_speed, (p.motor_eccentric - 1.0) / p.motor_eccentric_speed);
     const double damping = p.motor_force * slope + p.motor_damping + std::fmax(p.swing_damping, p.stance_damping);
@@ -49,8 +51,6 @@ void require_stable_motor(const Parameters& p) {
 void require_commands(const Parameters& p) {
     in_range("speed_high", p.speed_high, p.speed_low, 10.0);
     in_range("stiffness_share_high", p.stiffness_share_high, p.stiffness_share_low, 10.0);
-    require(!(p.leg_motor && p.observation_is_paper), "the paper's observation has no leg motor");
-    require(p.shortest_rest > p.compression_limit, "shortest_rest must exceed compression_limit");
 }
 
 void require_resets(const Parameters& p) {
@@ -69,7 +69,7 @@ void validate(const Parameters& p) {
     require(2.0 * p.foot_mass < p.mass, "mass must exceed the mass of both feet");
     require(p.compression_limit < p.extension_limit, "compression_limit must be below extension_limit");
     require_stable(p);
-    require_stable_motor(p);
+    require_leg_motor(p);
     require_commands(p);
     require_resets(p);
 }

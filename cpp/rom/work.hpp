@@ -8,7 +8,7 @@ namespace romgrl {
 struct Work {
     double hip = 0.0, positive_hip = 0.0;  // absolute values summed over legs and substeps, and the positive ones alone
     double retraction = 0.0, positive_retraction = 0.0;
-    double motor = 0.0, positive_motor = 0.0;
+    double leg_motor = 0.0, positive_leg_motor = 0.0;
 };
 
 }  // namespace romgrl

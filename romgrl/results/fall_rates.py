@@ -37,7 +37,7 @@ class Disturbed:
         return pd.read_csv(self.directory / "robustness.csv").replace({"walker": {STUDENT: self.walker}})
 
 
-def once(members: Sequence[Disturbed]) -> list[pd.DataFrame]:
+def with_one_baseline(members: Sequence[Disturbed]) -> list[pd.DataFrame]:
     """The tables of some artifacts, with the baseline of a seed, which they share, from the first of them alone."""
     tables, seeds = [], set()
     for each in sorted(members, key=lambda one: in_order(one.walker)):
@@ -67,7 +67,7 @@ def write_disturbances(jobs: Sequence[JobResult], outputs: Path, directory: Path
     from romgrl.report.style import save
 
     groups = by_group(found, lambda each: each.manifest.seed)
-    tables = [over_seeds(once(members)) for members in groups.values()]
+    tables = [over_seeds(with_one_baseline(members)) for members in groups.values()]
     tables[0].to_csv(directory / f"{CURVES}.csv", index=False)  # of held-out seeds, where there are any
     speed, count = found[0].manifest.config["speed"], len({each.manifest.seed for each in next(iter(groups.values()))})
     seeds = f"{count} seed{'s' if count > 1 else ''}"

@@ -144,7 +144,8 @@ def read_sweep(directory: Path) -> Sweep:
         check_kinds(document, SWEEP_KINDS)
         for job in document["jobs"]:
             check_overrides(job)
-        check_values("usual", document.get("usual", {}), float | int)
+        usual = document.get("usual", {})
+        check_kinds(usual, dict.fromkeys(usual, float | int))
         path = directory / JOBS
         lines = path.read_text(encoding="utf-8", errors="replace").splitlines() if path.exists() else []
         ends = [read_end(line) for line in map(whole_line, lines) if line]
@@ -161,13 +162,6 @@ def check_kinds(document: Mapping[str, Any], kinds: Mapping[str, Any]) -> None:
     wrong = [f"{name} {document[name]!r}" for name, kind in known.items() if not isinstance(document[name], kind)]
     if wrong:
         raise TypeError(f"{', '.join(wrong)}: not what a sweep writes there")
-
-
-def check_values(name: str, values: Mapping[str, Any], kind: Any) -> None:
-    """Raise TypeError unless all values of a mapping are of a kind."""
-    wrong = [f"{key} {value!r}" for key, value in values.items() if not isinstance(value, kind)]
-    if wrong:
-        raise TypeError(f"{name}: {', '.join(wrong)}: not what a sweep writes there")
 
 
 def check_overrides(job: Any) -> None:
@@ -189,7 +183,8 @@ def read_end(document: Mapping[str, Any]) -> JobEnd:
     """A line of jobs.jsonl. Raises TypeError."""
     check_kinds(document, END_KINDS)
     check_overrides(document.get("overrides"))
-    check_values("artifacts", document.get("artifacts", {}), str)
+    artifacts = document.get("artifacts", {})
+    check_kinds(artifacts, dict.fromkeys(artifacts, str))
     return JobEnd(**document)
 
 

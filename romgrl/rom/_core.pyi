@@ -5,6 +5,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 STATE_SIZE: int
+WALKER_SIZE: int  # columns of a saved world before those of its episode, which begin with the last action
+FIRST_LEG: int  # first column of the left leg
+LEG_SIZE: int
 
 PARAMETERS: dict[str, tuple[float, float, float]]  # by name: default, least and most
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 from typing import Any, Literal, get_args
 
@@ -101,12 +101,12 @@ def core_parameters(
     episode_steps: int,
     reward: Reward,
     alpha: float,
-    motor_cost: float = 0.0,
+    leg_motor_cost: float = 0.0,
 ) -> _core.Parameters:
     """The C++ core's parameters of one task. Raises ValueError for a value of the wrong type or choice.
 
-    speed: one for all worlds, m/s, or commands; motor_cost: of the positive power of leg motors, per body weight and
-    sqrt(g L0).
+    speed: one for all worlds, m/s, or commands; leg_motor_cost: of the positive power of leg motors, per body weight
+    and sqrt(g L0).
     """
     if not isinstance(parameters, SpringLegParameters):
         raise ValueError(f"parameters {parameters!r} are no SpringLegParameters")
@@ -127,7 +127,7 @@ def core_parameters(
         values["trunk_moment_limit"] = math.inf
     commands = speed if isinstance(speed, Commands) else Commands((speed, speed))
     values |= {**span("speed", commands.speed), **span("stiffness_share", commands.stiffness_share)}
-    values |= {"command_steps": commands.hold_steps, "motor_cost": motor_cost}
+    values |= {"command_steps": commands.hold_steps, "leg_motor_cost": leg_motor_cost}
     values |= {"leg_motor": isinstance(parameters, VariableLegParameters)}
     values |= {"control_frequency": control_frequency, "episode_steps": episode_steps, "alpha": alpha}
     values |= {"reward_is_velocity": reward == "forward_velocity"}
@@ -142,11 +142,13 @@ def core_parameters(
     return core
 
 
-def span(name: str, values: object) -> dict[str, object]:
+def span(name: str, values: Any) -> dict[str, object]:
     """The core's two numbers of a range. Raises ValueError unless there are two."""
-    if not isinstance(values, Sequence) or len(values) != 2:
-        raise ValueError(f"{name} = {values!r} must be two numbers, low and high")
-    return {f"{name}_low": values[0], f"{name}_high": values[1]}
+    try:
+        low, high = values
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{name} = {values!r} must be two numbers, low and high") from error
+    return {f"{name}_low": low, f"{name}_high": high}
 
 
 def unfit_parameters(parameters: SpringLegParameters, control_frequency: float) -> Iterator[tuple[str, str]]:
@@ -158,4 +160,4 @@ def unfit_parameters(parameters: SpringLegParameters, control_frequency: float) 
     try:
         _core.Batch(core_parameters(standing, control_frequency=control_frequency, **task), 1, 1)
     except ValueError as error:
-        yield str(error).partition(" ")[0], f"what can be integrated: {error}"
+        yield str(error).partition(" ")[0].rstrip(":"), f"what can be integrated: {error}"

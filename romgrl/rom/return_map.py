@@ -22,6 +22,7 @@ import numpy as np
 from gymnasium.spaces import flatdim
 from numpy.typing import NDArray
 
+from romgrl.rom import _core
 from romgrl.rom.parameters import SpringLegParameters, VariableLegParameters
 from romgrl.rom.vector_env import SpringLegVectorEnv
 
@@ -30,14 +31,12 @@ Policy = Callable[[NDArray[np.float32]], NDArray[np.float32]]
 
 GRAVITY = 9.81
 LONGEST_STRIDE = 3.0  # s
-FIRST_ACTION = 37  # of the columns of a saved world: cpp/rom/world_state.hpp and Episode::save
 TRUNK = {"trunk_x": 0, "trunk_y": 1, "trunk_vx": 3, "trunk_vy": 4}
 PITCH = {"pitch": 2, "pitch_rate": 5}
 ORIGIN, TOUCHDOWN_X, LEFT_SLOT = 19, 20, 18
 FOOT = {"y": 1, "vx": 3, "vy": 4}  # from the first column of a foot: 6 or 12
-LEG = {"torque": 0, "shortening": 1, "touchdown_angle": 2}  # from the first column of a leg: 23 or 30
+LEG = {"torque": 0, "shortening": 1, "touchdown_angle": 2}  # from the first column of a leg: cpp/rom/world_state.hpp
 MOTOR = {"extension": 4, "extension_rate": 5, "drive": 6}
-FIRST_LEG, LEG_COLUMNS = 23, 7
 SIDES = ("left", "right")
 
 
@@ -120,7 +119,7 @@ class StrideMap:
         worlds = len(start.states)
         now, end = start.tiled(1), start.tiled(1)
         env = self._worlds(worlds)
-        now.states[:, FIRST_ACTION : FIRST_ACTION + now.action.shape[1]] = now.action
+        now.states[:, _core.WALKER_SIZE : _core.WALKER_SIZE + now.action.shape[1]] = now.action
         observation, _ = env.restore(now.states)
         place, gap = self._motion(now.states)
         coordinates = np.full((worlds, len(self.names)), np.nan)
@@ -162,7 +161,7 @@ class StrideMap:
             for ending, column in FOOT.items():
                 states[rows, _foot(states, side) + column] += named[f"{name}_foot_{ending}"]
             for ending, column in self.leg.items():
-                states[:, FIRST_LEG + LEG_COLUMNS * side + column] += named[f"{name}_{ending}"]
+                states[:, _core.FIRST_LEG + _core.LEG_SIZE * side + column] += named[f"{name}_{ending}"]
         return Walkers(states, walkers.elapsed, walkers.action)
 
     def _motion(self, states: Array) -> tuple[Array, Array]:
@@ -170,7 +169,7 @@ class StrideMap:
         rows = np.arange(len(states))
         left, right = (_foot(states, side) for side in range(2))
         feet = [states[rows, first + column] for first in (left, right) for column in FOOT.values()]
-        first = (FIRST_LEG, FIRST_LEG + LEG_COLUMNS)
+        first = (_core.FIRST_LEG, _core.FIRST_LEG + _core.LEG_SIZE)
         legs = [states[:, start + column] for start in first for column in self.leg.values()]
         trunk = [states[:, column] for column in TRUNK.values()]
         trunk[0] = trunk[0] - states[rows, left]

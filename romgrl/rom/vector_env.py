@@ -33,7 +33,7 @@ _METADATA: dict[str, Any] = {
 }
 
 
-MOTOR_POWERS = ("motor_power", "positive_motor_power")  # of the legs' motors alone, W
+LEG_MOTOR_POWERS = ("leg_motor_power", "positive_leg_motor_power")  # of the legs' motors alone, W
 
 
 def names_of(parameters: SpringLegParameters) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -79,7 +79,7 @@ class SpringLegVectorEnv(VectorEnv[Array, Array, Array]):
         episode_steps: int = 400,
         reward: Reward = "exponential",
         alpha: float = 1.0,
-        motor_cost: float = 0.0,
+        leg_motor_cost: float = 0.0,
         num_threads: int = 1,
         render_mode: str | None = None,
     ) -> None:
@@ -93,7 +93,7 @@ class SpringLegVectorEnv(VectorEnv[Array, Array, Array]):
             episode_steps=episode_steps,
             reward=reward,
             alpha=alpha,
-            motor_cost=motor_cost,
+            leg_motor_cost=leg_motor_cost,
         )
         self._batch = _core.Batch(core, num_envs, num_threads)
         self.num_envs = num_envs
@@ -122,7 +122,7 @@ class SpringLegVectorEnv(VectorEnv[Array, Array, Array]):
         self._forward_velocity = np.zeros(n, np.float32)
         self._ground_force = np.zeros((n, 2), np.float32)
         self._hip_torque = np.zeros((n, 2), np.float32)
-        self._powers = {name: np.zeros(n, np.float32) for name in (*POWERS, *MOTOR_POWERS)}
+        self._powers = {name: np.zeros(n, np.float32) for name in (*POWERS, *LEG_MOTOR_POWERS)}
         self._diverged = np.zeros(n, np.bool_)
         self._travelled = np.zeros(n)  # m in this episode, for drawing
         self._info = {

@@ -14,12 +14,11 @@ import pytest
 
 from romgrl.artifacts.checkpoint import CHECKPOINT, Checkpoints, flatten_state, nest
 from romgrl.config.schema import Config
-from romgrl.runtime.signals import Interrupted
 from romgrl.stages import student
 from romgrl.stages.training.checkpoints import TrainingCheckpoints
 from romgrl.stages.training.student_statistics import StudentTally
 from tests.conftest import Composer
-from tests.helpers.cut_trainings import TOTAL, Recorder, digest, files, train, training
+from tests.helpers.cut_trainings import TOTAL, Recorder, digest, files, interrupt, train, training
 
 
 @pytest.mark.parametrize("count", [2, pytest.param(10, marks=pytest.mark.slow)])
@@ -35,12 +34,7 @@ def test_resume_is_bit_exact(
     cuts, equal = random.Random(0).sample(passes[:-1], count), 0
     for cut in cuts:
         output = tmp_path / f"cut-{cut}"
-        recorder.cut = cut
-        recorder.again()
-        with pytest.raises(Interrupted):
-            train(name, config, output)
-        assert recorder.steps[-1] == cut
-        recorder.again()
+        assert interrupt(name, config, output, recorder, cut) == cut
         train(name, config, output)
         assert recorder.steps == [step for step in passes if step > cut]
         assert (recorder.state, files(output)) == whole, f"cut at step {cut}"
@@ -60,11 +54,7 @@ def test_a_student_with_another_discriminator_goes_on_bit_exactly(
     recorder = Recorder(monkeypatch)
     train("student", config, tmp_path / "whole")
     whole = (recorder.state, files(tmp_path / "whole"))
-    recorder.cut = 1000
-    recorder.again()
-    with pytest.raises(Interrupted):
-        train("student", config, tmp_path / "cut")
-    recorder.again()
+    interrupt("student", config, tmp_path / "cut", recorder, 1000)
     train("student", config, tmp_path / "cut")
     assert (recorder.state, files(tmp_path / "cut")) == whole
 
@@ -81,10 +71,7 @@ def test_every_part_of_the_state_matters(
     leaves, left = list[str](), list[str]()
     for cut in LATE[name]:  # what did not matter after the first may after another
         output = tmp_path / f"{cut}"
-        recorder.cut = cut
-        recorder.again()
-        with pytest.raises(Interrupted):
-            train(name, config, output)
+        interrupt(name, config, output, recorder, cut)
         if not leaves:
             leaves = left = leaves_of(output)
         left = [leaf for leaf in left if same_without(leaf, name, config, output, recorder, whole)]
@@ -117,11 +104,7 @@ def test_columns_of_the_curve_do_not_depend_on_a_cut(
     recorder = Recorder(monkeypatch)
     monkeypatch.setattr(student, "LOG_INTERVAL", 640)
     train("student", config, tmp_path / "whole")
-    recorder.again()
-    recorder.cut = 560
-    with pytest.raises(Interrupted):
-        train("student", config, tmp_path / "cut")
-    recorder.again()
+    interrupt("student", config, tmp_path / "cut", recorder, 560)
     train("student", config, tmp_path / "cut")
     header = (tmp_path / "whole" / "curve.csv").read_text(encoding="utf-8").splitlines()[0]
     assert "critic_loss" in header

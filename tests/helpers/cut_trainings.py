@@ -77,6 +77,17 @@ def train(name: str, config: Config, output: Path) -> None:
         worker.execute(f"romgrl.stages.{name}:run", config, inputs, output, log)
 
 
+def interrupt(name: str, config: Config, output: Path, recorder: Recorder, step: int) -> int:
+    """Run the training until a signal ends it at a step, and return the last one; what comes next is a new process."""
+    recorder.again()
+    recorder.cut = step
+    with pytest.raises(signals.Interrupted):
+        train(name, config, output)
+    last = recorder.steps[-1]
+    recorder.again()
+    return last
+
+
 class Recorder:
     """Watches the end of every pass of a training loop; cuts it with a signal where told to."""
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from romgrl.gait.features import POWERS
 from romgrl.rom import _core
-from romgrl.rom.vector_env import MOTOR_POWERS
+from romgrl.rom.vector_env import LEG_MOTOR_POWERS
 
 ENGINE = "box2d"  # the fixture `engine` sets it
 GRAVITY = 9.81
@@ -18,8 +18,8 @@ SUBSTEPS_PER_SECOND = 480
 # Columns of a saved state: x, y, angle, vx, vy, rate of trunk and of the two foot slots; then those of either leg.
 TRUNK = slice(0, 6)
 FEET = (slice(6, 12), slice(12, 18))
-SHORTENING, EXTENSION, EXTENSION_RATE = [24, 31], [27, 34], [28, 35]
-WALKER = slice(0, 37)  # the rest is the episode's
+SHORTENING, EXTENSION, EXTENSION_RATE = ([_core.FIRST_LEG + i, _core.FIRST_LEG + _core.LEG_SIZE + i] for i in (1, 4, 5))
+WALKER = slice(0, _core.WALKER_SIZE)  # the rest is the episode's
 
 
 TESTED: dict[str, Any] = {"foot_mass": 0.9, "reset_speed_low": 0.5, "reset_speed_high": 1.1}
@@ -81,7 +81,7 @@ class Worlds:
             "forward_velocity": np.zeros(n, np.float32),
             "ground_force": np.zeros((n, 2), np.float32),
             "hip_torque": np.zeros((n, 2), np.float32),
-            **{name: np.zeros(n, np.float32) for name in (*POWERS, *MOTOR_POWERS)},
+            **{name: np.zeros(n, np.float32) for name in (*POWERS, *LEG_MOTOR_POWERS)},
             "diverged": np.zeros(n, np.bool_),
         }
 

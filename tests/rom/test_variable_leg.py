@@ -77,7 +77,7 @@ def test_no_more_power_than_allowed() -> None:
     largest, smallest = 0.0, 0.0
     for _ in range(400):
         worlds.step(rng.uniform(-1, 1, (64, 4)).astype(np.float32))
-        positive, both = worlds["positive_motor_power"], worlds["motor_power"]
+        positive, both = worlds["positive_leg_motor_power"], worlds["leg_motor_power"]
         largest = max(largest, float(positive.max()))
         smallest = min(smallest, float((positive - both).min()))
     assert 1.5 * limit < largest <= 2 * limit * (1 + 1e-5)  # of two legs
@@ -182,7 +182,9 @@ def test_the_engines_are_alike() -> None:
             worlds.step(action)
         going = ~(box2d["diverged"] | native["diverged"])
         errors.append(np.abs(native.batch.save() - box2d.batch.save())[going, WALKER].max(axis=1))
-        powers.append(np.abs(native["motor_power"] - box2d["motor_power"])[going] / (10 + box2d["motor_power"][going]))
+        powers.append(
+            np.abs(native["leg_motor_power"] - box2d["leg_motor_power"])[going] / (10 + box2d["leg_motor_power"][going])
+        )
     assert np.quantile(np.concatenate(errors), 0.9995) < 1e-4
     assert np.quantile(np.concatenate(powers), 0.9995) < 1e-3
     assert np.abs(native.batch.save()[:, EXTENSION]).max() > 0.04
@@ -234,18 +236,18 @@ def test_commands_are_drawn_for_each_episode_and_while_it_lasts() -> None:
 
 def test_the_work_of_the_motors_can_cost() -> None:
     """Per body weight and sqrt(g L0)."""
-    free, paid = (Worlds(core_parameters(motor_cost=cost, **MOTOR)) for cost in (0.0, 0.5))
+    free, paid = (Worlds(core_parameters(leg_motor_cost=cost, **MOTOR)) for cost in (0.0, 0.5))
     for worlds in (free, paid):
         worlds.step(drives(1.0, 1.0))
-    cost = 0.5 * paid["positive_motor_power"][0] / (MASS * GRAVITY * np.sqrt(GRAVITY * LENGTH))
-    assert paid["positive_motor_power"][0] > 10.0
+    cost = 0.5 * paid["positive_leg_motor_power"][0] / (MASS * GRAVITY * np.sqrt(GRAVITY * LENGTH))
+    assert paid["positive_leg_motor_power"][0] > 10.0
     assert free["reward"][0] - paid["reward"][0] == pytest.approx(float(cost), rel=1e-4)
 
 
 @pytest.mark.parametrize(
     ("values", "said"),
     [
-        ({"observation_is_paper": True}, "the paper's observation has no leg motor"),
+        ({"observation_is_paper": True}, "observation: the paper's has no leg motor"),
         ({"motor_mass": 0.5}, "motor_mass 0.5 kg cannot be integrated"),
         ({"motor_eccentric": 0.9}, "motor_eccentric = 0.9 is not between 1 and 10"),
         ({"shortest_rest": 0.4}, "shortest_rest must exceed compression_limit"),

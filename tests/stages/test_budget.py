@@ -9,14 +9,13 @@ import pytest
 
 from romgrl.artifacts.checkpoint import CHECKPOINT
 from romgrl.cli.arguments import faults
-from romgrl.runtime.signals import Interrupted
 from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import student
 from romgrl.stages.training import budget as budget_module
 from romgrl.stages.training import gait_check
 from romgrl.stages.training.budget import Budget
 from tests.conftest import Composer
-from tests.helpers.cut_trainings import Recorder, files, train, training
+from tests.helpers.cut_trainings import Recorder, files, interrupt, train, training
 
 BY_MINUTES = ("student.minutes=2.5", "student.total_steps=1e9")  # 150 passes of 8 humanoids, with the clock below
 
@@ -87,12 +86,8 @@ def test_minutes_decide_as_steps_do(
     assert whole[1] == by_steps
     table = pd.read_csv(tmp_path / "minutes" / gait_check.FILE)
     assert table.step.tolist() == [400, 800, 1200]
-    recorder.again()
-    recorder.cut = 800
-    with pytest.raises(Interrupted):
-        train("student", config, tmp_path / "cut")
+    interrupt("student", config, tmp_path / "cut", recorder, 800)
     assert (tmp_path / "cut" / CHECKPOINT).is_dir()
-    recorder.again()
     train("student", config, tmp_path / "cut")
     assert recorder.steps[0] == 808
     assert (recorder.state, files(tmp_path / "cut")) == whole

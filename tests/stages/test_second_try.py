@@ -6,10 +6,9 @@ from pathlib import Path
 import pytest
 
 from romgrl.config.schema import Config
-from romgrl.runtime.signals import Interrupted
 from romgrl.stages.training.budget import Budget
 from tests.conftest import Composer
-from tests.helpers.cut_trainings import Recorder, files, train, training
+from tests.helpers.cut_trainings import Recorder, files, interrupt, train, training
 from tests.stages.test_gait_check import GOOD, Learner, checks
 
 
@@ -91,11 +90,7 @@ def test_a_training_that_goes_back_goes_on_where_it_was_cut(
     train("student", config, tmp_path / "whole")
     assert recorder.steps[-1] == 1200 + 800 - round(0.32 * 1200)
     whole = (recorder.state, files(tmp_path / "whole"))
-    recorder.again()
-    recorder.cut = 1000
-    with pytest.raises(Interrupted):
-        train("student", config, tmp_path / "cut")
-    recorder.again()
+    interrupt("student", config, tmp_path / "cut", recorder, 1000)
     train("student", config, tmp_path / "cut")
     assert recorder.steps[0] == 1008
     assert (recorder.state, files(tmp_path / "cut")) == whole

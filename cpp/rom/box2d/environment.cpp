@@ -25,19 +25,19 @@ void Environment::place(const Pose& pose) {
 }
 
 Outcome Environment::step(const float* action) {
-    std::array<double, kLegs> command{}, drive{};
+    std::array<double, kLegs> torque{}, drive{};
     for (int i = 0; i < action_size(parameters_); ++i) {
         episode_.previous_action[i] = std::clamp<double>(action[i], -1.0, 1.0);
     }
     for (int i = 0; i < kLegs; ++i) {
-        command[i] = parameters_.hip_torque * episode_.previous_action[i];
+        torque[i] = parameters_.hip_torque * episode_.previous_action[i];
         drive[i] = episode_.previous_action[kLegs + i];
     }
     const double start = walker_.x();
     std::array<double, kWalkerState> before{};
     walker_.save(before.data());
     Outcome outcome;
-    outcome.diverged = !walker_.step(command, drive);
+    outcome.diverged = !walker_.step(torque, drive);
     ++episode_.steps;
     if (outcome.diverged) {
         walker_.restore(before.data());  // the last finite state is what the caller sees
@@ -46,8 +46,8 @@ Outcome Environment::step(const float* action) {
     }
     const double velocity = (walker_.x() - start) * parameters_.control_frequency;
     outcome.forward_velocity = static_cast<float>(velocity);
-    const double motor_power = walker_.work().positive_motor * parameters_.control_frequency;
-    outcome.reward = static_cast<float>(reward(parameters_, episode_.speed, velocity, motor_power));
+    const double leg_motor_power = walker_.work().positive_leg_motor * parameters_.control_frequency;
+    outcome.reward = static_cast<float>(reward(parameters_, episode_.speed, velocity, leg_motor_power));
     outcome.terminated = fallen(parameters_, walker_.y(), walker_.pitch());
     outcome.truncated = !outcome.terminated && episode_.steps >= parameters_.episode_steps;
     return outcome;

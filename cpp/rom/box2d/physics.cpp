@@ -115,8 +115,8 @@ void Walker::update_motor(int side, double drive, double axial) {
     const Carriage moved = move_carriage(motor_, motion.drive, motion.extension, motion.extension_rate, axial);
     motion.extension = moved.extension;
     motion.extension_rate = moved.rate;
-    work_.motor += std::fabs(moved.work);
-    work_.positive_motor += std::max(moved.work, 0.0);
+    work_.leg_motor += std::fabs(moved.work);
+    work_.positive_leg_motor += std::max(moved.work, 0.0);
 }
 
 // True at a touchdown: the first load after leaving the ground.
@@ -158,7 +158,7 @@ double Walker::stop_torque(const LegView& view) const {
     return -side * parameters_.foot_mass * view.length * view.length * std::max(acceleration, 0.0);
 }
 
-bool Walker::substep(const std::array<double, kLegs>& command, const std::array<double, kLegs>& drive) {
+bool Walker::substep(const std::array<double, kLegs>& asked, const std::array<double, kLegs>& drive) {
     std::array<LegView, kLegs> view{};
     std::array<bool, kLegs> is_loaded{};
     std::array<double, kLegs> wound{};
@@ -170,7 +170,7 @@ bool Walker::substep(const std::array<double, kLegs>& command, const std::array<
     for (int i = 0; i < kLegs; ++i) {
         if (update_touchdown(i, view[i], is_loaded[i])) touchdown += i == 0 ? 1 : 2;
         if (!is_loaded[i]) wound[i] = update_shortening(i, view[i], is_loaded[1 - i]);
-        motion_[i].torque += lag_gain_ * (command[i] - motion_[i].torque);
+        motion_[i].torque += lag_gain_ * (asked[i] - motion_[i].torque);
     }
     if (touchdown == 3) touchdown = view[0].angle > view[1].angle ? 1 : 2;  // both at once: the one in front
     if (touchdown != 0) {
@@ -233,11 +233,11 @@ void Walker::add_hip_work(const std::array<LegView, kLegs>& before, double pitch
     work_.positive_hip += std::max(done[0], 0.0) + std::max(done[1], 0.0);
 }
 
-bool Walker::step(const std::array<double, kLegs>& command, const std::array<double, kLegs>& drive) {
+bool Walker::step(const std::array<double, kLegs>& asked, const std::array<double, kLegs>& drive) {
     ground_force_.fill(0.0);
     work_ = Work{};
     for (int i = 0; i < parameters_.substeps; ++i) {
-        if (!substep(command, drive)) return false;
+        if (!substep(asked, drive)) return false;
     }
     return true;
 }

@@ -30,7 +30,7 @@ class Walker {
 
     // One control step with hip torques in N m and the drives of the legs' motors. False: the state left the numbers that
     // Box2D can take.
-    bool step(const std::array<double, kLegs>& command, const std::array<double, kLegs>& drive);
+    bool step(const std::array<double, kLegs>& asked, const std::array<double, kLegs>& drive);
 
     LegView leg(int side) const;
     double x() const { return origin_ + trunk_->GetPosition().x; }
@@ -72,7 +72,7 @@ class Walker {
     bool update_touchdown(int side, const LegView& view, bool is_loaded);
     double update_shortening(int side, const LegView& view, bool other_loaded);
     double stop_torque(const LegView& view) const;
-    bool substep(const std::array<double, kLegs>& command, const std::array<double, kLegs>& drive);
+    bool substep(const std::array<double, kLegs>& asked, const std::array<double, kLegs>& drive);
     void update_motor(int side, double drive, double axial);
     void add_ground_force();
     void add_hip_work(const std::array<LegView, kLegs>& before, double pitch_rate_before);

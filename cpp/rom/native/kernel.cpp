@@ -75,15 +75,15 @@ ROMGRL_INLINE double rest_of(const NativeConstants& c, const LegLanes& lanes, in
 }
 
 // Moves the carriage of a leg's motor against the axial force; adds its work.
-ROMGRL_INLINE void update_motor(const NativeConstants& c, LegLanes& lanes, double command, double axial, WorkLanes& work,
+ROMGRL_INLINE void update_motor(const NativeConstants& c, LegLanes& lanes, double asked, double axial, WorkLanes& work,
                                 int n) {
-    const double drive = lanes.drive[n] + c.motor.lag_gain * (command - lanes.drive[n]);
+    const double drive = lanes.drive[n] + c.motor.lag_gain * (asked - lanes.drive[n]);
     const Carriage moved = move_carriage(c.motor, drive, lanes.extension[n], lanes.extension_rate[n], axial);
     lanes.drive[n] = drive;
     lanes.extension[n] = moved.extension;
     lanes.extension_rate[n] = moved.rate;
-    work.motor[n] += std::fabs(moved.work);
-    work.positive_motor[n] += larger(moved.work, 0.0);
+    work.leg_motor[n] += std::fabs(moved.work);
+    work.positive_leg_motor[n] += larger(moved.work, 0.0);
 }
 
 // 1 at a touchdown: the first load after leaving the ground.
@@ -152,7 +152,7 @@ ROMGRL_INLINE double hip_work(const Group& g, const LegLanes& lanes, const Leg& 
 }
 
 template <bool kMotor>
-ROMGRL_INLINE void update_velocities(const NativeConstants& c, const Command& command, Group& g, Scratch& s,
+ROMGRL_INLINE void update_velocities(const NativeConstants& c, const Actuation& asked, Group& g, Scratch& s,
                                      WorkLanes& work, int n) {
     LegLanes &p = g.leg[0], &q = g.leg[1];
     const Leg a = look(c, g, p.foot, n), b = look(c, g, q.foot, n);
@@ -167,8 +167,8 @@ ROMGRL_INLINE void update_velocities(const NativeConstants& c, const Command& co
     g.touchdown_side[n] = which * which > 0.0 ? side : old_side;
     g.touchdown_x[n] = which * which > 0.0 ? at_x : old_x;
 
-    p.torque[n] += c.lag_gain * (command.torque[0][n] - p.torque[n]);
-    q.torque[n] += c.lag_gain * (command.torque[1][n] - q.torque[n]);
+    p.torque[n] += c.lag_gain * (asked.torque[0][n] - p.torque[n]);
+    q.torque[n] += c.lag_gain * (asked.torque[1][n] - q.torque[n]);
     const double net = p.torque[n] + q.torque[n];
     const double excess = net - clamped(net, -c.moment_limit, c.moment_limit);
     p.hip_torque[n] = p.torque[n] - 0.5 * excess;
@@ -189,8 +189,8 @@ ROMGRL_INLINE void update_velocities(const NativeConstants& c, const Command& co
     g.trunk.vy[n] -= c.dt * c.trunk_inverse_mass * (a_fy + b_fy) + c.trunk_fall;
     g.rate[n] -= c.dt * c.trunk_inverse_inertia * (a_torque + b_torque);
     if (kMotor) {
-        update_motor(c, p, command.drive[0][n], a_axial, work, n);
-        update_motor(c, q, command.drive[1][n], b_axial, work, n);
+        update_motor(c, p, asked.drive[0][n], a_axial, work, n);
+        update_motor(c, q, asked.drive[1][n], b_axial, work, n);
     }
     const bool a_stop = move_foot(c, g.trunk, p, s.leg[0], a, a_fx, a_fy, n);
     const bool b_stop = move_foot(c, g.trunk, q, s.leg[1], b, b_fx, b_fy, n);
@@ -264,9 +264,9 @@ ROMGRL_INLINE void recentre(Group& g) {
 }
 
 template <bool kMotor>
-ROMGRL_INLINE void substeps(const NativeConstants& c, const Command& command, Group& group, Scratch& scratch, WorkLanes& done) {
+ROMGRL_INLINE void substeps(const NativeConstants& c, const Actuation& asked, Group& group, Scratch& scratch, WorkLanes& done) {
     for (int substep = 0; substep < c.substeps; ++substep) {
-        for (int n = 0; n < kLanes; ++n) update_velocities<kMotor>(c, command, group, scratch, done, n);
+        for (int n = 0; n < kLanes; ++n) update_velocities<kMotor>(c, asked, group, scratch, done, n);
         if (any(scratch.stopped)) {
             for (int n = 0; n < kLanes; ++n) {
                 if (scratch.stopped[n] > 0.0) stop(c, scratch, n, group, done);
@@ -283,16 +283,16 @@ ROMGRL_INLINE void substeps(const NativeConstants& c, const Command& command, Gr
 
 }  // namespace
 
-ROMGRL_CLONES void native_step(const NativeConstants& constants, const Command& command, Group& group,
+ROMGRL_CLONES void native_step(const NativeConstants& constants, const Actuation& asked, Group& group,
                                WorkLanes& work) {
     const NativeConstants c = constants;
     Scratch scratch;
     WorkLanes done{};
     group.leg[0].ground_impulse = group.leg[1].ground_impulse = Lanes{};
     if (c.has_motor) {
-        substeps<true>(c, command, group, scratch, done);
+        substeps<true>(c, asked, group, scratch, done);
     } else {
-        substeps<false>(c, command, group, scratch, done);
+        substeps<false>(c, asked, group, scratch, done);
     }
     recentre(group);
     for (int n = 0; n < kLanes; ++n) {
@@ -301,8 +301,8 @@ ROMGRL_CLONES void native_step(const NativeConstants& constants, const Command& 
         const double stiffness = c.stiffness * group.stiffness_share[n];
         work.retraction[n] = stiffness * done.retraction[n];
         work.positive_retraction[n] = stiffness * done.positive_retraction[n];
-        work.motor[n] = done.motor[n];
-        work.positive_motor[n] = done.positive_motor[n];
+        work.leg_motor[n] = done.leg_motor[n];
+        work.positive_leg_motor[n] = done.positive_leg_motor[n];
     }
 }
 

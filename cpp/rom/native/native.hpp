@@ -75,10 +75,10 @@ struct NativeConstants {
 
 // See Work. While a step lasts, the hips' is per half a substep's time, the retraction's per stiffness.
 struct WorkLanes {
-    Lanes hip, positive_hip, retraction, positive_retraction, motor, positive_motor;
+    Lanes hip, positive_hip, retraction, positive_retraction, leg_motor, positive_leg_motor;
 };
 
-struct Command {
+struct Actuation {
     Lanes torque[kLegs];  // N m
     Lanes drive[kLegs];  // of the legs' motors
 };
@@ -97,7 +97,7 @@ void put_lane(const double* state, bool pinned, int lane, Group& group);
 void get_lane(const Group& group, int lane, double* state);
 
 // One control step of all lanes.
-void native_step(const NativeConstants& constants, const Command& command, Group& group, WorkLanes& work);
+void native_step(const NativeConstants& constants, const Actuation& asked, Group& group, WorkLanes& work);
 void native_view(const NativeConstants& constants, const Group& group, View& view);
 
 // Box2D's iterations for one lane, from the velocities after the forces, and from the positions after integration.

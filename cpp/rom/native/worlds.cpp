@@ -82,7 +82,7 @@ class NativeWorlds : public Worlds {
             write_contact(world, view, arrays.contact);
             const int n = world - first(block);
             const Work done{work.hip[n],   work.positive_hip[n],  work.retraction[n], work.positive_retraction[n],
-                            work.motor[n], work.positive_motor[n]};
+                            work.leg_motor[n], work.positive_leg_motor[n]};
             write_power(parameters_, diverged[n] ? Work{} : done, world, arrays);
             changed[n] = finish(world, before, diverged[n], arrays);
             again |= changed[n];
@@ -112,7 +112,7 @@ class NativeWorlds : public Worlds {
         put_lane(state, parameters_.trunk_pinned, world % kLanes, groups_[world / kLanes]);
     }
 
-    Command take_actions(int block, const float* actions);
+    Actuation take_actions(int block, const float* actions);
     bool finish(int world, const Group& before, bool diverged, const StepArrays& arrays);
     void write(int world, const View& view, float* observation, float* features) const;
     void write_contact(int world, const View& view, bool* contact) const;
@@ -125,8 +125,8 @@ class NativeWorlds : public Worlds {
     std::array<double, kWalkerState> idle_{};
 };
 
-Command NativeWorlds::take_actions(int block, const float* actions) {
-    Command command{};
+Actuation NativeWorlds::take_actions(int block, const float* actions) {
+    Actuation asked{};
     for (int world = first(block); world < last(block); ++world) {
         const int n = world % kLanes;
         Episode& episode = episodes_[world];
@@ -136,11 +136,11 @@ Command NativeWorlds::take_actions(int block, const float* actions) {
         }
         for (int i = 0; i < kLegs; ++i) {
             const int slot = slot_of(groups_[block], n, i);
-            command.torque[slot][n] = parameters_.hip_torque * episode.previous_action[i];
-            command.drive[slot][n] = episode.previous_action[kLegs + i];
+            asked.torque[slot][n] = parameters_.hip_torque * episode.previous_action[i];
+            asked.drive[slot][n] = episode.previous_action[kLegs + i];
         }
     }
-    return command;
+    return asked;
 }
 
 // Outcome of a step and what follows it: an autoreset, or another command. Tells if there was one.
@@ -149,10 +149,10 @@ bool NativeWorlds::finish(int world, const Group& before, bool diverged, const S
     const int n = world % kLanes;
     const double start = before.origin[n] + before.trunk.x[n];
     const double velocity = (g.origin[n] + g.trunk.x[n] - start) * parameters_.control_frequency;
-    const double motor_power = arrays.positive_motor_power[world];
+    const double leg_motor_power = arrays.positive_leg_motor_power[world];
     const bool terminated = diverged || fallen(parameters_, g.trunk.y[n], -g.angle[n]);
     arrays.forward_velocity[world] = static_cast<float>(velocity);
-    arrays.reward[world] = diverged ? 0.0F : static_cast<float>(reward(parameters_, episodes_[world].speed, velocity, motor_power));
+    arrays.reward[world] = diverged ? 0.0F : static_cast<float>(reward(parameters_, episodes_[world].speed, velocity, leg_motor_power));
     arrays.diverged[world] = diverged;
     arrays.terminated[world] = terminated;
     arrays.truncated[world] = !terminated && episodes_[world].steps >= parameters_.episode_steps;

@@ -134,8 +134,8 @@ class GaitChecks:
             budget.go_back(step, ADAPTS_FROM)
             learner.eta = min(SECOND_ETA, self.config.eta)
             self.log.message(
-                f"gait at step {step:,.0f}: no nearer to the teacher's than a statue; {budget.again:,} steps are made "
-                f"again, to {budget.end:,}"
+                f"gait at step {step:,.0f}: it falls, or is no nearer to the teacher's than a statue; {budget.again:,} "
+                f"steps are made again, to {budget.end:,}"
             )
         if self.config.student.end_early and self.passes() >= PASSES and not budget.reached(step, 0.5):
             budget.begin_second_half(step)
