@@ -22,7 +22,7 @@ from romgrl.gait.null_table import null_table
 from romgrl.runtime.stage_log import StageLog
 from romgrl.stages.rollouts.humanoid import roll_out
 from romgrl.stages.rollouts.other_teacher import other_teacher
-from romgrl.stages.wiring.artifact_arrays import WALKERS, read_reference
+from romgrl.stages.wiring.artifact_arrays import WALKERS, check_falls, read_reference
 from romgrl.stages.wiring.humanoid import humanoid_env
 from romgrl.stages.wiring.rom import rom_parameters
 from romgrl.stages.wiring.seeds import EVALUATION_SEED
@@ -36,6 +36,7 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
     """
     evaluation = config.evaluation
     reference = read_reference(inputs["reference"], config, steps=evaluation.window)
+    check_falls(inputs["reference"] / "reference.npz", float(reference.get("falls", 0.0)), config.reference.episodes)
     env = humanoid_env(config, num_envs=evaluation.episodes, episode_steps=evaluation.steps + 1)
     policies = {name: read_walker(inputs[name], env) for name in WALKERS}
     total = len(WALKERS) * evaluation.steps

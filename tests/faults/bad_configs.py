@@ -7,7 +7,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
-from romgrl.config.values import kind_of, schema_keys
+from romgrl.config.values import first_kind, foreign_keys, kind_of, schema_keys
+from romgrl.config.worlds import ROMS
 
 HEAD = "defaults:\n  - config\n  - _self_\n"
 
@@ -38,7 +39,14 @@ def from_schema(seed: int) -> Iterator[Case]:
         if key == "experiment":
             continue  # a group: see SPECIAL
         forms = bad_forms(entry)
-        yield case(f"{key}={draw.choice(forms)}", says=(f"{key}: ", "is not allowed; allowed: "))
+        yield case(*preset_of(key), f"{key}={draw.choice(forms)}", says=(f"{key}: ", "is not allowed; allowed: "))
+
+
+def preset_of(key: str) -> list[str]:
+    """What chooses a preset that has the key, where the default configuration lacks it."""
+    if key not in foreign_keys(first_kind):
+        return []
+    return [next(f"rom={kind}" for kind in ROMS if key not in foreign_keys(lambda _: kind))]  # noqa: B023 - used at once
 
 
 def bad_forms(entry: Any) -> list[str]:
@@ -69,7 +77,8 @@ def typos(seed: int, count: int) -> Iterator[Case]:
         ends = (leaf[:place] + leaf[place + 1 :], leaf[:place] + leaf[place - 1 :], swapped(leaf, place))
         wrong = draw.choice([end for end in ends if end != leaf])
         prefix = draw.choice(["", "+", "++"])
-        yield case(f"{prefix}{group}{dot}{wrong}=1", says=(f"{group}{dot}{wrong}: unknown key", f"mean {key}?"))
+        says = (f"{group}{dot}{wrong}: unknown key", f"mean {key}?")
+        yield case(*preset_of(key), f"{prefix}{group}{dot}{wrong}=1", says=says)
 
 
 def swapped(text: str, place: int) -> str:

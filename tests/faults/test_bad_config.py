@@ -20,10 +20,10 @@ from romgrl.cli.compose import to_config
 from romgrl.cli.consistency import CHECKS, validate
 from romgrl.cli.hydra_loader import Loader
 from romgrl.config.schema import Config
-from romgrl.config.values import kind_of, schema_keys, value_of
+from romgrl.config.values import keys_of, kind_of, schema_keys, value_of
 from romgrl.humanoid.own_body import human_spec
 from romgrl.rom import _core
-from romgrl.rom.parameters import SpringLegParameters, core_parameters
+from romgrl.rom.parameters import VariableLegParameters, core_parameters
 from tests.conftest import Composer
 from tests.faults.bad_configs import ALLOWED, FILES, HEAD, MISFITS, OF_HYDRA, SPECIAL, Case, case, from_schema, typos
 from tests.helpers.jobs import ROOT
@@ -140,7 +140,7 @@ GOOD_FORMS = (
 def good_values(config: Config, seed: int) -> Iterator[list[str]]:
     """Keys turned round, at another choice, or a little smaller, one at a time."""
     draw = random.Random(seed)
-    keys = schema_keys()
+    keys = keys_of(config)
     for key in draw.sample(list(keys), len(keys)):
         entry = keys[key]
         kind, value = kind_of(entry), value_of(config, key)
@@ -208,7 +208,7 @@ def test_the_core_takes_what_the_schema_allows(bound: str, fewest: int) -> None:
 
 def complaint(**values: Any) -> str:
     """What the core says to these parameters of the reduced-order model."""
-    parameters = SpringLegParameters(reset_hip_angle=(0.0, 0.0), **values)
+    parameters = VariableLegParameters(reset_hip_angle=(0.0, 0.0), **values)
     task: dict[str, Any] = {"speed": 1.0, "control_frequency": 30.0, "episode_steps": 1, "alpha": 1.0}
     try:
         _core.Batch(core_parameters(parameters, reward="exponential", **task), 1, 1)
