@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import hashlib
-from pathlib import Path
+from pathlib import Path, PurePath
 
 from romgrl.artifacts.manifest import MANIFEST, FileRecord, Manifest, payload, read_manifest, record_file
 from romgrl.artifacts.storage import storage_faults
 from romgrl.errors import ArtifactError
 
 
-def open_artifact(directory: Path, *, stage: str | None = None, key: str | None = None) -> Manifest:
+def open_artifact(
+    directory: Path, *, stage: str | None = None, key: str | None = None, needed: str | None = "*"
+) -> Manifest:
     """Verify SHA-256, size, dtypes and shapes of every file. Raises ArtifactError naming the first bad file.
 
-    `stage` and `key`: what it must have been made as; None: anything.
+    `stage` and `key`: what it must have been made as; None: anything. `needed`: pattern of files that must be there;
+    None: none of them.
     """
     manifest = read_manifest(directory)
     for name, made, expected in (("stage", manifest.stage, stage), ("key", manifest.key, key)):
@@ -23,6 +26,8 @@ def open_artifact(directory: Path, *, stage: str | None = None, key: str | None 
         found = set(payload(directory))
         for name, record in manifest.files.items():
             if name not in found:
+                if needed is None or not PurePath(name).match(needed):
+                    continue
                 raise ArtifactError(f"{directory / name}: missing")
             check_file(directory / name, record)
     extra = sorted(found - set(manifest.files))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from argparse import ArgumentParser, ArgumentTypeError
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from romgrl.errors import RomgrlError, StorageError
@@ -36,17 +36,25 @@ def main(arguments: Sequence[str]) -> int:
     from romgrl.results.readme_table import readme_text
     from romgrl.results.results_document import write_document
 
-    try:
+    def work() -> str:
         outputs = chosen.outputs.expanduser().resolve()
         others = {} if chosen.readme is None else {chosen.readme: readme_text(outputs, chosen.readme)}
         written = write_document(outputs, chosen.docs, others)
+        return f"{written[0]}: written, with {len(written) - 1} files in {written[0].parent / 'results'}"
+
+    return exit_code(work)
+
+
+def exit_code(work: Callable[[], str]) -> int:
+    """Print what some work says in the end, or the line of its failure; the exit code of the program."""
+    try:
+        print(work())
     except RomgrlError as error:
         print(error, file=sys.stderr)
         return error.exit_code
     except OSError as error:
         print(f"{error.filename}: {error.strerror}" if error.filename else error, file=sys.stderr)
         return StorageError.exit_code
-    print(f"{written[0]}: written, with {len(written) - 1} files in {written[0].parent / 'results'}")
     return 0
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from romgrl.artifacts import Manifest, open_artifact, read_manifest
+from romgrl.artifacts import Manifest, read_manifest
 from romgrl.config.schema import Config
 from romgrl.config.values import show
 from romgrl.errors import ArtifactError
@@ -17,6 +17,7 @@ from romgrl.gait.null_models import OVER_VARIANCE
 from romgrl.provenance.stage_graph import STAGES, upstream_of
 from romgrl.provenance.stage_keys import stage_settings
 from romgrl.report.terminal_tables import number, read_rows, result_metrics, with_weakest
+from romgrl.results.kept import open_numbers
 
 LINEAGE = tuple(stage for stage in STAGES if stage in upstream_of("evaluation") | {"evaluation"})
 SHOWN_DIFFERENCES = 3
@@ -66,14 +67,14 @@ def evaluations(outputs: Path) -> tuple[list[FinishedEvaluation], dict[Path, str
 
 def read_evaluation(directory: Path, known: Catalogue) -> FinishedEvaluation:
     """Verify an evaluation and read its numbers. Raises ArtifactError."""
-    manifest = open_artifact(directory, stage="evaluation")
+    manifest = open_numbers(directory, stage="evaluation")
     numbers, lineage = result_metrics(directory), trace(manifest, known)
     for stage, manifests in lineage.items():
         if not manifests:
             raise ArtifactError(f"{directory}: its {stage} is not there any more")
     for teacher in lineage.get("teacher", [])[:1]:
         place = directory.parent.with_name("teacher") / teacher.key
-        open_artifact(place, stage="teacher")
+        open_numbers(place, stage="teacher")
         own = result_metrics(place)
         numbers |= {f"{TEACHER}/{name.partition('/')[2]}": value for name, value in own.items()}
     for student in lineage.get("student", [])[:1]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 import shutil
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
@@ -20,7 +19,7 @@ from romgrl.results.claims import claims_for, finding_of, read_claims
 from romgrl.results.evaluation_index import FinishedEvaluation, codes
 from romgrl.results.seed_groups import by_group, seeds_told
 from romgrl.results.sweep_cells import JobResult, by_cell, results, seed_of
-from romgrl.results.sweep_record import Sweep, settings, sweeps
+from romgrl.results.sweep_record import Sweep, public, settings, sweeps
 from romgrl.results.sweep_tables import failures, write_tables
 from romgrl.results.verify import baseline_sheet, errors_sheet, plural, warnings
 from romgrl.results.walker_sheets import gait_sheet, nulls_sheet
@@ -28,7 +27,6 @@ from romgrl.results.walker_sheets import gait_sheet, nulls_sheet
 PAPER = "paper"
 CLAIMED = (PAPER, "walking")  # the sweeps whose cells the claims are compared with
 FILES = "files.txt"  # in results/: what was written there, which the next writing replaces
-PRIVATE = ("paths", "tracking")  # what of a command is about one machine
 TRAININGS = ("teacher", "student", "baseline")
 HEAD = """# Results
 
@@ -142,25 +140,6 @@ def results_section(sweep: Sweep, jobs: list[JobResult], outputs: Path, director
         text += [f"![{sweep.title}, {figure.stem.removeprefix(prefix)}](results/{figure.name})", ""]
     links = [f"[{path.name}](results/{prefix}{path.name})" for path in paths if path.suffix == ".csv"]
     return [*text, proofs(jobs), f"All numbers: {', '.join(links)}.", ""]
-
-
-def public(command: str) -> str:
-    """A command without what is about one machine."""
-    words = []
-    try:
-        parts = shlex.split(command)
-    except ValueError:  # an open quotation
-        parts = command.split()
-    for word in parts:
-        key, equals, value = word.partition("=")
-        if key.lstrip("+").partition(".")[0] not in PRIVATE:
-            words.append(f"{key}{equals}{last_part(value)}" if equals else last_part(word))
-    return shlex.join(words)
-
-
-def last_part(text: str) -> str:
-    """The name at the end of an absolute path, any other text as it is."""
-    return Path(text).name if text.startswith("/") else text
 
 
 def provenance(sweep: Sweep, jobs: Sequence[JobResult]) -> str:

@@ -10,7 +10,7 @@ from typing import Any
 
 import pandas as pd
 
-from romgrl.artifacts import Manifest, open_artifact
+from romgrl.artifacts import Manifest
 from romgrl.errors import ArtifactError
 from romgrl.gait.distances import FLOOR
 from romgrl.gait.features import CHANNELS
@@ -27,6 +27,7 @@ from romgrl.results.evaluation_index import (
     catalogue,
     read_evaluation,
 )
+from romgrl.results.kept import open_numbers
 from romgrl.results.seed_groups import by_group, held_out_or_all
 from romgrl.results.statistics import FEWEST_SEEDS, summarize
 from romgrl.results.sweep_record import JobEnd, Sweep, settings
@@ -96,7 +97,7 @@ def result(sweep: Sweep, job: list[str], outputs: Path, known: Catalogue) -> Job
     try:
         for stage, place in places.items():
             if stage in READ:
-                open_artifact(place, stage=stage)
+                open_numbers(place, stage=stage)
         if "robustness" in places:
             return JobResult(swept, end, robustness_metrics(places["robustness"]))
         if "evaluation" in places:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import os
+import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import lru_cache
@@ -30,6 +31,8 @@ SWEEP_KINDS = {
     "trials": int,
 }
 HOW = ("hydra", "paths", "tracking", "threads", "device", "parallel_stages", "checkpoint_seconds", "stage", "objective")
+
+PRIVATE = ("paths", "tracking")  # what of a command is about one machine
 
 
 @dataclass(frozen=True)
@@ -88,6 +91,25 @@ def settings(overrides: Sequence[str]) -> dict[str, str]:
     """Overrides as key and value, without those that only say how and where a job runs."""
     pairs = (text.lstrip("+").partition("=") for text in overrides)
     return {key: without_quotes(value) for key, _, value in pairs if key.partition(".")[0].partition("/")[0] not in HOW}
+
+
+def public(command: str) -> str:
+    """A command without what is about one machine."""
+    words = []
+    try:
+        parts = shlex.split(command)
+    except ValueError:  # an open quotation
+        parts = command.split()
+    for word in parts:
+        key, equals, value = word.partition("=")
+        if key.lstrip("+").partition(".")[0] not in PRIVATE:
+            words.append(f"{key}{equals}{last_part(value)}" if equals else last_part(word))
+    return shlex.join(words)
+
+
+def last_part(text: str) -> str:
+    """The name at the end of an absolute path, any other text as it is."""
+    return Path(text).name if text.startswith("/") else text
 
 
 def write_sweep(directory: Path, name: str, command: str, jobs: Sequence[Sequence[str]], **more: Any) -> None:

@@ -16,9 +16,8 @@ from romgrl.errors import StorageError
 from romgrl.results import results_document, statistics, sweep_tables
 from romgrl.results.__main__ import main
 from romgrl.results.readme_table import END, START, runs_table
-from romgrl.results.results_document import public
 from romgrl.results.sweep_cells import results
-from romgrl.results.sweep_record import SWEEP_VARIABLE, read_sweep
+from romgrl.results.sweep_record import SWEEP_VARIABLE, public, read_sweep
 from tests.results.chains import changed
 from tests.results.test_sweep_tables import swept
 

@@ -1,0 +1,31 @@
+"""A directory that keeps the numbers of sweeps (`romgrl.results.keep`): what it has, and how to read it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from romgrl.artifacts import Manifest, open_artifact
+
+KEPT_FILE = "kept.txt"
+KEPT_TEXT = """Numbers of sweeps: of each job the manifests of its artifacts and their tables, without policies
+and rollouts. Written by `python -m romgrl.results.keep OUTPUTS DIRECTORY`; `python -m romgrl.results DIRECTORY docs`
+writes documents from it, as from the directory of results. Every table has the SHA-256 that its manifest says.
+"""
+KEPT_TABLES = {
+    "teacher": "gait.csv",
+    "reference": None,
+    "student": "curve.csv",
+    "baseline": None,
+    "evaluation": "*.csv",
+    "robustness": "*.csv",
+}  # what is read of each stage besides its manifest, as a pattern
+
+
+def open_numbers(directory: Path, *, stage: str) -> Manifest:
+    """Verify an artifact, or as much of it as is kept. Raises ArtifactError.
+
+    directory: ROOT/artifacts/STAGE/KEY, where KEPT_FILE in ROOT says that files may be missing but for KEPT_TABLES.
+    """
+    if not (directory.parents[2] / KEPT_FILE).is_file():
+        return open_artifact(directory, stage=stage)
+    return open_artifact(directory, stage=stage, needed=KEPT_TABLES[stage])
