@@ -10,7 +10,7 @@ from PIL import Image
 
 from romgrl.artifacts import write_manifest
 from romgrl.results.__main__ import main
-from romgrl.results.sweep_record import SWEEP_VARIABLE, JobEnd, note_end, write_sweep
+from romgrl.results.sweep_record import JobEnd, note_end, write_sweep
 
 RATES = {
     0: [0.0, 0.1, 0.9],
@@ -56,7 +56,6 @@ def disturbed(directory: Path, rates: int, seed: int | None = None) -> None:
 @pytest.fixture
 def outputs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A sweep over two seeds whose jobs end with their robustness."""
-    monkeypatch.setenv(SWEEP_VARIABLE, "")
     jobs = [[f"seed={seed}"] for seed in (0, 1)]
     write_sweep(
         tmp_path / "sweeps" / "a", "robustness", "python -m romgrl", jobs, machine={"cores": 2}, started=1.0, usual={}

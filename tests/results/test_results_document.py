@@ -17,7 +17,7 @@ from romgrl.results import results_document, statistics, sweep_tables
 from romgrl.results.__main__ import main
 from romgrl.results.readme_table import END, START, runs_table
 from romgrl.results.sweep_cells import results
-from romgrl.results.sweep_record import SWEEP_VARIABLE, public, read_sweep
+from romgrl.results.sweep_record import public, read_sweep
 from tests.results.chains import changed
 from tests.results.test_sweep_tables import swept
 
@@ -30,7 +30,6 @@ def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
         "save_figures",
         lambda cells, jobs, title, directory: (directory / "by_x.png").write_text(title, encoding="utf-8"),
     )
-    monkeypatch.setenv(SWEEP_VARIABLE, "")
 
 
 def stored(outputs: Path, config: Config, place: str, name: str, values: dict[str, list[str]], fail: str = "-") -> None:

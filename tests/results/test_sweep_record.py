@@ -21,7 +21,6 @@ from romgrl.results.sweep_record import (
 
 
 def test_the_places_of_a_sweep_are_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv(SWEEP_VARIABLE, "")
     jobs = [[f"seed={seed}", "stage=teacher"] for seed in range(200)]
     write_sweep(tmp_path, "config", "", [*jobs, ["seed=7"]], machine={}, started=0.0, usual={})
     read, whole = [], sweep_record.read_sweep

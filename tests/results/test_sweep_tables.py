@@ -35,7 +35,6 @@ from tests.results.chains import changed, finish
 def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(statistics, "RESAMPLES", 999)
     monkeypatch.setattr(sweep_tables, "save_figures", lambda *arguments: None)
-    monkeypatch.setenv(SWEEP_VARIABLE, "")
 
 
 def swept(
