@@ -102,7 +102,7 @@ def limits(table: pd.DataFrame) -> pd.DataFrame:
         lost = rates.index[rates[walkers[0]] >= 0.5]
         held = rates.index[rates.index < lost[0]] if name in GROWING and len(lost) else rates.index
         held = held if len(held) else rates.index[:1]  # it falls at the weakest level, too
-        for level in [held[-1]] if name in GROWING else [held[0], held[-1]]:
+        for level in [held[-1]] if name in GROWING else dict.fromkeys([held[0], held[-1]]):
             falls = {walker: share_of(rates.loc[level, walker]) for walker in walkers}
             rows.append({"disturbance": label, "level": f"{level:g}", "unit": of.unit.iloc[0], **falls})
     return pd.DataFrame(rows)

@@ -15,7 +15,7 @@ from romgrl.report.numbers import significant
 from romgrl.results.claim_sheets import claim_sheets
 from romgrl.results.claims import TOO_FEW, claims_for, column, compare, finding_of, read_claims
 from romgrl.results.evaluation_index import FinishedEvaluation, Selection, codes, select
-from romgrl.results.seed_groups import CHOSEN_SEEDS, HELD_OUT, group_of, held_out_or_all, seeds_told
+from romgrl.results.seed_groups import CHOSEN, CHOSEN_SEEDS, group_of, held_out_or_all, seeds_told
 from romgrl.results.statistics import FEWEST_SEEDS, summarize
 from romgrl.results.text_table import BRACKETS, Sheet, mean_text, middle_text, with_interval
 from romgrl.results.walker_sheets import gait_sheet, nulls_sheet
@@ -53,8 +53,9 @@ def verify(config: Config, command: Sequence[str]) -> list[str | Sheet]:
 
 
 def seeds_wanted(seeds: Sequence[int]) -> list[str]:
-    """Overrides that make enough seeds: held-out ones where there are any, else those that chose the settings."""
-    first = CHOSEN_SEEDS.stop if any(group_of(seed) == HELD_OUT for seed in seeds) else CHOSEN_SEEDS.start
+    """Overrides that make enough seeds: held-out ones, unless all that there are chose the settings."""
+    chosen = seeds and all(group_of(seed) == CHOSEN for seed in seeds)
+    first = CHOSEN_SEEDS.start if chosen else CHOSEN_SEEDS.stop
     return ["-m", f"seed={','.join(map(str, range(first, first + FEWEST_SEEDS)))}"]
 
 

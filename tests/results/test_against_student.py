@@ -68,7 +68,7 @@ def test_a_table_of_all_walkers_and_what_imitation_is_worth(tmp_path: Path) -> N
     assert first[2].startswith("0.2 [")
     assert first[3:5] == ["2 (pelvis height)", "2 [2, 2]"]
     assert resets_row[0] == "same_choice"
-    assert resets_row[6:] == ["0.0312", "0.00397", "0.00397", "0 and 0"]
+    assert resets_row[6:] == ["0.0312", "0.00397", "0.00397", "0 and 0", "0.0938"]  # the last: three rows, 3 / 32
     assert nearer_row[0] == "no_trunk"
     assert baseline_row[:2] == ["baseline", "0, 1, 2, 3, 4"]
     assert baseline_row[2:5] == ["8 [8, 8]", "8 (pelvis height)", "4 [4, 4]"]
