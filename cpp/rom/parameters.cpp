@@ -38,6 +38,7 @@ void require_leg_motor(const Parameters& p) {
     if (!p.leg_motor) return;
     require(!p.observation_is_paper, "observation: the paper's has no leg motor");
     require(p.shortest_rest > p.compression_limit, "shortest_rest must exceed compression_limit");
+    require(p.longest_rest < p.extension_limit, "longest_rest must be below extension_limit");
     const double dt = p.substep_time(), stiffness = p.stiffness * p.stiffness_share_high;
     const double slope = std::fmax(1.0 / p.motor_speed, (p.motor_eccentric - 1.0) / p.motor_eccentric_speed);
     const double damping = p.motor_force * slope + p.motor_damping + std::fmax(p.swing_damping, p.stance_damping);

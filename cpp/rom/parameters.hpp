@@ -35,7 +35,7 @@ constexpr double kUnlimited = std::numeric_limits<double>::infinity();
     ROW(double, longest_rest, 1.05, 1.0, 1.5)                        \
     ROW(double, hip_angle_limit, 1.3, 0.01, 1.57)                    \
     ROW(double, compression_limit, 0.5, 0.05, 1.0)                   \
-    ROW(double, extension_limit, 1.05, 1.0, 1.5)                     \
+    ROW(double, extension_limit, 1.05, 1.0, 2.0)                     \
     ROW(double, friction, 1.0, 0.0, 100.0)                           \
     ROW(bool, trunk_locked, true, 0.0, 1.0)                          \
     ROW(bool, trunk_pinned, false, 0.0, 1.0)                         \

@@ -41,7 +41,7 @@ class SpringLeg(Rom):
     retraction_time: float = key("duration of retraction and extension", unit="s", low=1e-6, high=100)
     hip_angle_limit: float = key("hip stops at +- this angle", unit="rad", low=0.01, high=1.57)
     compression_limit: float = key("shortest leg, share of leg_length", low=0.05, high=1)
-    extension_limit: float = key("longest leg, share of leg_length", low=1, high=1.5)
+    extension_limit: float = key("longest leg, share of leg_length", low=1, high=2)
     friction: float = key("ground friction coefficient", low=0, high=100)
     trunk_locked: bool = key("true: the trunk cannot rotate (4 degrees of freedom)")
     trunk_inertia: float = key("moment of inertia of a free trunk", unit="kg m^2", low=1e-4, high=1e6)

@@ -36,7 +36,7 @@ def core_parameters(**values: Any) -> _core.Parameters:
     return parameters
 
 
-MOTOR: dict[str, Any] = {"leg_motor": True, "retraction": 0.0}
+MOTOR: dict[str, Any] = {"leg_motor": True, "retraction": 0.0, "extension_limit": 1.15}
 """A motor in each leg, and no script."""
 
 

@@ -78,7 +78,7 @@ def test_buffers_of_another_batch_raise() -> None:
         ("retraction_time", (0.0, math.nan)),
         ("hip_angle_limit", (0.0, 2.0, math.nan)),
         ("compression_limit", (0.0, 1.1, math.nan)),
-        ("extension_limit", (0.9, 1.6, math.nan)),
+        ("extension_limit", (0.9, 2.1, math.nan)),
         ("friction", (-1.0, math.nan)),
         ("trunk_inertia", (0.0, -1.0, math.nan)),
         ("fall_height", (-0.1, 1.1, math.nan)),

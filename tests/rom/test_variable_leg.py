@@ -38,7 +38,8 @@ def drives(left: float, right: float, hips: float = 0.0) -> NDArray[np.float32]:
 
 def held(*, length: float = LENGTH, **values: Any) -> Worlds:
     """The trunk held in the air where nothing pulls, legs vertical, and motors without lag and with a long stroke."""
-    wide = {"shortest_rest": 0.6, "longest_rest": 1.4, "motor_lag": 0.0, "trunk_pinned": True, "gravity": 0.0}
+    wide = {"shortest_rest": 0.6, "longest_rest": 1.4, "extension_limit": 1.5, "motor_lag": 0.0}
+    wide |= {"trunk_pinned": True, "gravity": 0.0}
     worlds = Worlds(passive(**MOTOR | wide | values))
     worlds.batch.place(0, pose(y=length + RADIUS, leg_length=(length, length)))
     return worlds
@@ -59,7 +60,7 @@ def test_the_force_at_rest() -> None:
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_the_speed_without_a_load(side: float) -> None:
     """A spring too soft to be felt: the carriage comes to its no-load speed, and not above."""
-    worlds = held(stiffness=1e-3, shortest_rest=0.06, compression_limit=0.05, longest_rest=1.5)
+    worlds = held(stiffness=1e-3, shortest_rest=0.06, compression_limit=0.05, longest_rest=1.5, extension_limit=2.0)
     fastest = 0.0
     for _ in range(40):
         worlds.step(drives(side, side))
@@ -251,6 +252,7 @@ def test_the_work_of_the_motors_can_cost() -> None:
         ({"motor_mass": 0.5}, "motor_mass 0.5 kg cannot be integrated"),
         ({"motor_eccentric": 0.9}, "motor_eccentric = 0.9 is not between 1 and 10"),
         ({"shortest_rest": 0.4}, "shortest_rest must exceed compression_limit"),
+        ({"longest_rest": 1.15}, "longest_rest must be below extension_limit"),
         ({"speed_low": 3.0, "speed_high": 2.0}, "speed_high = 2 is not between 3 and 10"),
     ],
 )
@@ -264,7 +266,7 @@ def test_a_bounce_with_a_push_is_the_differential_equations() -> None:
     """Body on spring and carriage, foot on the ground, full drive from touchdown on: heights to 2 mm, rates to 1 %."""
     frequency = 3840.0
     values = {"control_frequency": frequency, "motor_lag": 0.0, "shortest_rest": 0.6, "longest_rest": 1.4}
-    worlds = Worlds(passive(trunk_moment_limit=0.0, extension_limit=1.5, **MOTOR | values))
+    worlds = Worlds(passive(trunk_moment_limit=0.0, **MOTOR | values | {"extension_limit": 1.5}))
     worlds.batch.place(0, pose(y=LENGTH + RADIUS - 1e-6, vy=-1.0))
 
     def rates(_: float, state: Array) -> list[float]:
