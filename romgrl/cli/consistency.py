@@ -16,6 +16,7 @@ from omegaconf import OmegaConf
 
 from romgrl.cli.config_files import CONF
 from romgrl.cli.locations import is_file, is_readable, outputs_directory, tracking_store
+from romgrl.cli.teacher_ranges import RANGE_CHECKS
 from romgrl.config.learners import CRITICS, LONG_RUN
 from romgrl.config.schema import Config
 from romgrl.config.values import bad_value, fits, keys_of, refusal, schema_keys, show, suggestion, value_of
@@ -281,6 +282,7 @@ CHECKS: tuple[tuple[tuple[str, ...], Callable[[Config], Iterator[str]]], ...] = 
     at_most("reference.episodes", "reference.steps"),
     (("teacher.num_envs", "teacher.rollout_steps", "teacher.minibatch_size"), rollout),
     (("teacher.segment_steps", "teacher.rollout_steps"), segment_within_rollout),
+    *RANGE_CHECKS,
     (REPLAY, replay_buffer),
     (("student.policy_updates", "student.simultaneous"), policy_updates),
     (COMPARED, comparison),

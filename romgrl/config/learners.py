@@ -16,6 +16,31 @@ class Teacher:
 
     name: str = key("what it is called; not given: as its preset")
     speed: float = key("target speed of the teacher", unit="m/s", low=0, high=10)
+    speeds: list[float] | None = key(
+        "range of the speeds that worlds are asked for in a training, each episode another, for a teacher of any of "
+        "them; null: speed alone",
+        unit="m/s",
+        low=0,
+        high=10,
+        span=True,
+    )
+    stiffness_share: float = key("stiffness of the legs that is asked for, share of rom.stiffness", low=0.1, high=10)
+    stiffness_shares: list[float] | None = key(
+        "range of it that worlds have in a training, each episode another; null: stiffness_share alone",
+        low=0.1,
+        high=10,
+        span=True,
+    )
+    command_steps: int = key(
+        "control steps after which a world is asked for another speed and stiffness; 0: not within an episode",
+        low=0,
+        high=10**9,
+    )
+    leg_motor_cost: float = key(
+        "what the reward loses by positive power of the legs' motors of body weight times sqrt(g leg_length)",
+        low=0,
+        high=1e6,
+    )
     reward: str = key(
         "exponential: exp(-alpha |v - speed|); forward_velocity: v", choices=("exponential", "forward_velocity")
     )

@@ -76,7 +76,9 @@ def read_evaluation(directory: Path, known: Catalogue) -> FinishedEvaluation:
         place = directory.parent.with_name("teacher") / teacher.key
         open_numbers(place, stage="teacher")
         own = result_metrics(place)
-        numbers |= {f"{TEACHER}/{name.partition('/')[2]}": value for name, value in own.items()}
+        numbers |= {
+            f"{TEACHER}/{name.partition('/')[2]}": value for name, value in own.items() if name.startswith("teacher/")
+        }
     for student in lineage.get("student", [])[:1]:
         numbers |= steps_made(directory.parent.with_name("student") / student.key)
     numbers |= errors_by_channel(directory)

@@ -17,10 +17,10 @@ class ReducedOrderModel:
     """One kind of reduced-order model.
 
     parameters: their dataclass, named as the keys of `rom`. worlds: makes the vector environment of `parameters`,
-    num_envs, speed, control_frequency, episode_steps, reward, alpha and num_threads. faults: yields the name of each
-    of the parameters that cannot be at a control frequency, Hz, and what could. draw: picture (360, 640, 3) of
-    features (5,), contact (2,), place x in m and parameters, in which the ground
-    lies `ground` of the height below the top.
+    num_envs, speed (a number, or `Commands` where ranges are asked for), control_frequency, episode_steps, reward,
+    alpha and num_threads; where legs have motors leg_motor_cost. faults: yields the name of each of the parameters
+    that cannot be at a control frequency, Hz, and what could. draw: picture (360, 640, 3) of features (5,),
+    contact (2,), place x in m and parameters, in which the ground lies `ground` of the height below the top.
     """
 
     parameters: Callable[..., Any]

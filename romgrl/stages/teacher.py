@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,6 +29,7 @@ from romgrl.runtime.stage_log import StageLog
 from romgrl.stages.training.checkpoints import TrainingCheckpoints
 from romgrl.stages.training.speed_check import STEADY, STEPS, SpeedChecks
 from romgrl.stages.training.teacher_statistics import TeacherTally
+from romgrl.stages.wiring.commands import checked_tasks, name_of_task
 from romgrl.stages.wiring.rom import rom_env
 from romgrl.stages.wiring.seeds import TEACHER_GAIT_SEED
 from romgrl.stages.wiring.teacher_learner import build_teacher_learner
@@ -43,7 +44,7 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
     """
     torch.set_num_threads(max(1, config.threads // 2))
     path = output / "policy.safetensors"
-    env = rom_env(config, num_envs=config.teacher.num_envs, episode_steps=config.teacher.episode_steps)
+    env = rom_env(config, num_envs=config.teacher.num_envs, episode_steps=config.teacher.episode_steps, training=True)
     with second_lane(config.threads > 1) as lane:
         ppo = build_teacher_learner(config, env, lane)
         with closing(env):
@@ -53,14 +54,17 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
             )
             checks.keep_best(ppo)
     save_ppo_policy(path, ppo, env.observation_names)
-    gait = check_gait(config, load_ppo_policy(path))
-    row = describe(gait, target_speed=config.teacher.speed, mass=env.parameters.mass)
-    write_row(output / "gait.csv", {"walker": "teacher", **row})
-    log.message(
-        f"{row['falls']:.0f} falls in {CHECK_EPISODES} episodes, {row['mean_speed_m_per_s']:.2f} m/s, "
-        f"left-right correlation {row['left_right_correlation']:.2f}, {row['stride_frequency_hz']:.2f} strides/s"
-    )
-    log.message(human_bands.human_verdict(row, config.teacher.speed))
+    policy, rows = load_ppo_policy(path), []
+    for at in checked_tasks(config):
+        row = describe(check_gait(at, policy), target_speed=at.teacher.speed, mass=env.parameters.mass)
+        rows.append({"walker": name_of_task(at), **row})
+        told = "" if name_of_task(at) == "teacher" else f"{name_of_task(at).removeprefix('teacher ')}: "
+        log.message(
+            f"{told}{row['falls']:.0f} falls in {CHECK_EPISODES} episodes, {row['mean_speed_m_per_s']:.2f} m/s, "
+            f"left-right correlation {row['left_right_correlation']:.2f}, {row['stride_frequency_hz']:.2f} strides/s"
+        )
+        log.message(f"{told}{human_bands.human_verdict(row, at.teacher.speed)}")
+    write_gaits(output / "gait.csv", rows)
 
 
 @dataclass
@@ -151,7 +155,7 @@ def check_gait(config: Config, policy: PPOPolicy) -> Gait:
     return gait
 
 
-def write_row(path: Path, row: Mapping[str, float | str]) -> None:
-    """One row of CSV with its header."""
+def write_gaits(path: Path, rows: Sequence[Mapping[str, object]]) -> None:
+    """Rows of CSV with their header."""
     with path.open("w", newline="", encoding="utf-8") as file:
-        csv.writer(file).writerows([row.keys(), row.values()])
+        csv.writer(file).writerows([rows[0].keys(), *(row.values() for row in rows)])

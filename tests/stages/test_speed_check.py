@@ -78,7 +78,7 @@ def checks(config: Config, output: Path, errors: list[float], monkeypatch: pytes
         lambda *_: {"falls": 0.0, "steady_speed_m_per_s": 4.0, "speed_error_percent": next(found)},
     )
     env: Any = SimpleNamespace(close=lambda: None, dt=1 / 30)
-    return SpeedChecks(100, config, env, output, SilentLog(), due=500)
+    return SpeedChecks(100, config, [(4.0, env)], output, SilentLog(), due=500)
 
 
 def test_second_half_at_intervals_and_the_best_is_kept(

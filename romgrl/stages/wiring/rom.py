@@ -9,19 +9,26 @@ from romgrl.errors import ConfigurationError
 from romgrl.humanoid import model
 from romgrl.rom.interface import RomVectorEnv
 from romgrl.rom.registry import MODELS, parameters_of, refused_parameters
+from romgrl.stages.wiring.commands import asked, asked_in_training
 
 
-def rom_env(config: Config, *, num_envs: int, episode_steps: int) -> RomVectorEnv:
-    """The reduced-order model of the configuration, `num_envs` times."""
+def rom_env(config: Config, *, num_envs: int, episode_steps: int, training: bool = False) -> RomVectorEnv:
+    """The reduced-order model of the configuration, `num_envs` times.
+
+    training: worlds are asked for what ranges over them while a teacher learns, not for what is asked of it later.
+    """
+    teacher = config.teacher
+    motors = {"leg_motor_cost": teacher.leg_motor_cost} if teacher.leg_motor_cost else {}  # which not every model has
     return MODELS[config.rom.model].worlds(
         parameters=rom_parameters(config),
         num_envs=num_envs,
-        speed=config.teacher.speed,
+        speed=asked_in_training(config) if training else asked(config),
         control_frequency=config.humanoid.control_frequency,
         episode_steps=episode_steps,
-        reward=config.teacher.reward,
-        alpha=config.teacher.alpha,
+        reward=teacher.reward,
+        alpha=teacher.alpha,
         num_threads=config.threads,
+        **motors,
     )
 
 
