@@ -54,12 +54,7 @@ def write_against_student(sweep: Sweep, found: Sequence[JobResult], directory: P
     """Write against_student.csv; returns a table of all walkers, and what imitation alone is worth if it is known."""
     text, rows = [], []
     for other, walkers in by_walker(found).items() if sweep.name == FAIR else ():
-        student = walkers.get(STUDENT, {})
-        compared = {
-            name: (seeds, paired_errors(student, jobs, seeds, BASELINE if name == BASELINE else STUDENT))
-            for name, jobs in {**walkers, BASELINE: student}.items()
-            if name != STUDENT and (seeds := shared_seeds(student, jobs))
-        }
+        compared = with_student(walkers)
         for name, (seeds, pairs) in compared.items():
             known = {KEY: name, "other": other}
             rows += [{**known, **numbers_of(pair), "seeds": " ".join(map(str, seeds))} for pair in pairs]
@@ -70,6 +65,16 @@ def write_against_student(sweep: Sweep, found: Sequence[JobResult], directory: P
     if rows:
         pd.DataFrame(rows).to_csv(directory / NUMBERS_FILE, index=False)
     return text
+
+
+def with_student(walkers: Mapping[str, Mapping[int, JobResult]]) -> dict[str, tuple[list[int], list[PairedErrors]]]:
+    """What has shared seeds with the student, the baseline of its evaluations among it: those seeds and the errors."""
+    student = walkers.get(STUDENT, {})
+    return {
+        name: (seeds, paired_errors(student, jobs, seeds, BASELINE if name == BASELINE else STUDENT))
+        for name, jobs in {**walkers, BASELINE: student}.items()
+        if name != STUDENT and (seeds := shared_seeds(student, jobs))
+    }
 
 
 def walkers_table(

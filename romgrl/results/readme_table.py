@@ -14,11 +14,25 @@ from romgrl.gait.null_models import AVERAGE, MEAN_ERROR, OVER_VARIANCE, REDUCTIO
 from romgrl.report.numbers import fixed
 from romgrl.report.style import CHANNEL_LABELS
 from romgrl.report.tables import DISTANCE_LABELS, markdown
+from romgrl.results.against_student import FAIR, by_walker, walkers_table, with_student, worth_of_imitation
 from romgrl.results.results_document import CLAIMED, merged
 from romgrl.results.seed_groups import CHOSEN, HELD_OUT, group_of
 from romgrl.results.sweep_cells import JobResult, results
 from romgrl.results.sweep_record import sweeps
+from romgrl.results.text_table import BRACKETS
 
+FAIR_COLUMNS = (
+    "walker",
+    "seeds",
+    "error over variance",
+    "largest channel",
+    "falls [%]",
+    "p, unpaired, largest channel",
+)
+FAIR_SAID = (
+    f"What else may stand in the student's place (`sweeps/fair.yaml`), with its budget; {BRACKETS}. p: exact, one-"
+    "sided, that the student's error is smaller, of the channel in which that is least sure:"
+)
 START, END = "<!-- results -->", "<!-- end of results -->"
 GAIT = {
     "falls_percent": ("episodes of 33 s with a fall [%]", 1),
@@ -66,7 +80,20 @@ def readme_text(outputs: Path, document: Path) -> str:
         raise ArtifactError(f"{document}: is no text in UTF-8") from error
     if END not in rest:
         raise ArtifactError(f"{document}: has no markers {START} and {END}")
-    return f"{before}{START}\n\n{markdown(runs_table(jobs))}\n{END}{rest.partition(END)[2]}"
+    text = "\n".join([markdown(runs_table(jobs)), *fair_table(outputs)])
+    return f"{before}{START}\n\n{text}\n{END}{rest.partition(END)[2]}"
+
+
+def fair_table(outputs: Path) -> list[str]:
+    """What stands in the student's place, beside it, and what the imitation alone is worth; none without that sweep."""
+    text = []
+    for sweep in merged(sweeps(outputs)):
+        for walkers in by_walker(results(sweep, outputs)).values() if sweep.name == FAIR else ():
+            if compared := with_student(walkers):
+                table = walkers_table(walkers, compared)
+                shown = [column for column in FAIR_COLUMNS if column in table]
+                text += [FAIR_SAID, "", markdown(table[shown]), *worth_of_imitation(walkers)]
+    return text
 
 
 def runs_table(jobs: Sequence[JobResult]) -> pd.DataFrame:

@@ -117,6 +117,23 @@ def test_the_readmes_table_has_distances_floors_and_null_models(default_config: 
     assert shown["student: DTW [SD of the teacher]"] == "-"
 
 
+def test_the_readme_has_what_stands_in_the_students_place(default_config: Config, tmp_path: Path) -> None:
+    outputs, readme = tmp_path / "outputs", tmp_path / "README.md"
+    readme.write_text(f"{START}\n{END}\n", encoding="utf-8")
+    stored(outputs, default_config, "a", "paper", {"speed": ["4.0"], "seed": ["5", "6"]})
+    assert main([str(outputs), str(tmp_path / "docs"), str(readme)]) == 0
+    assert "in the student's place" not in readme.read_text(encoding="utf-8")
+    stored(outputs, default_config, "aa", "fair", {"comparison": ["student", "same_choice"], "seed": ["5", "6"]})
+    assert main([str(outputs), str(tmp_path / "docs"), str(readme)]) == 0
+    text = readme.read_text(encoding="utf-8")
+    assert (
+        "| walker | seeds | error over variance | largest channel | falls [%] | p, unpaired, largest channel |" in text
+    )
+    for walker in ("student", "same_choice", "baseline"):
+        assert f"| {walker} | 5, 6 |" in text
+    assert "What the imitation alone is worth: " in text
+
+
 def test_a_second_writing_replaces_the_first(default_config: Config, tmp_path: Path) -> None:
     stored(tmp_path, default_config, "a", "eta", {"eta": ["0.3", "0.7"]})
     assert main([str(tmp_path), str(tmp_path / "docs")]) == 0
