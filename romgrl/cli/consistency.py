@@ -16,7 +16,7 @@ from omegaconf import OmegaConf
 
 from romgrl.cli.config_files import CONF
 from romgrl.cli.locations import is_file, is_readable, outputs_directory, tracking_store
-from romgrl.cli.teacher_ranges import RANGE_CHECKS
+from romgrl.cli.teacher_ranges import RANGE_CHECKS, ROM_KEYS
 from romgrl.config.learners import CRITICS, LONG_RUN
 from romgrl.config.schema import Config
 from romgrl.config.values import bad_value, fits, keys_of, refusal, schema_keys, show, suggestion, value_of
@@ -269,7 +269,6 @@ DISCRIMINATOR_WINDOW = ("discriminator.features", "discriminator.window", "discr
 DISCRIMINATOR = ("discriminator.enabled", *DISCRIMINATOR_WINDOW, "discriminator.held_out", "student.mirror")
 COMPARED = ("comparison", "stage", "student.pretrained", "eta", "discriminator.enabled")
 CRITIC = ("discriminator.enabled", "discriminator.loss", "discriminator.gradient_penalty")
-ROM = tuple(key for key in schema_keys() if key.startswith(("rom.", "humanoid.")))
 UNUSED_BY_SHIPPED = ("student.", "discriminator.", "reference.", "evaluation.", "robustness.", "tracking.", "paths.")
 PRETRAINED = ("student.pretrained", *(key for key in schema_keys() if not key.startswith(UNUSED_BY_SHIPPED)))
 CHECKS: tuple[tuple[tuple[str, ...], Callable[[Config], Iterator[str]]], ...] = (
@@ -289,7 +288,7 @@ CHECKS: tuple[tuple[tuple[str, ...], Callable[[Config], Iterator[str]]], ...] = 
     ((*REFERENCE, "evaluation.window"), scored_window),
     ((*REFERENCE, *DISCRIMINATOR), discriminator_windows),
     (CRITIC, critic),
-    (ROM, reduced_order_model),
+    (ROM_KEYS, reduced_order_model),
     (("humanoid.xml", "humanoid.skeleton", "humanoid.actuation"), humanoid_file),
     (("paths.outputs",), outputs_directory),
     (("tracking.enabled", "tracking.uri", "tracking.experiment", "paths.outputs"), tracking_store),

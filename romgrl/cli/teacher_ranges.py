@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 from romgrl.config.schema import Config
-from romgrl.config.values import refusal, show, value_of
+from romgrl.config.values import refusal, schema_keys, show, value_of
 
 MOTORS = "variable_leg"
+OF_MOTORS = {"teacher.stiffness_share": 1.0, "teacher.stiffness_shares": None, "teacher.leg_motor_cost": 0.0}
+ROM_KEYS = tuple(key for key in schema_keys() if key.startswith(("rom.", "humanoid.")))
 RANGES = {"teacher.speed": "teacher.speeds", "teacher.stiffness_share": "teacher.stiffness_shares"}
 
 
@@ -27,17 +30,40 @@ def commands_within_range(config: Config) -> Iterator[str]:
         yield refusal("teacher.command_steps", teacher.command_steps, permitted)
 
 
-def seen_stiffness(config: Config) -> Iterator[str]:
+def of_motors(config: Config) -> Iterator[str]:
     """A policy follows the stiffness that it sees, and pays for motors that there are."""
-    teacher, permitted = config.teacher, f"without rom.model={MOTORS}"
-    if config.rom.model != MOTORS and teacher.stiffness_shares is not None:
-        yield refusal("teacher.stiffness_shares", teacher.stiffness_shares, f"null {permitted}")
-    if config.rom.model != MOTORS and teacher.leg_motor_cost:
-        yield refusal("teacher.leg_motor_cost", teacher.leg_motor_cost, f"0 {permitted}")
+    for key, usual in OF_MOTORS.items():
+        value = value_of(config, key)
+        if config.rom.model != MOTORS and value != usual:
+            yield refusal(key, value, f"{show(usual)} without rom.model={MOTORS}")
+
+
+def trained_ranges(config: Config) -> Iterator[str]:
+    """The teacher that ships learned one speed."""
+    for key in RANGES.values() if config.teacher.pretrained else ():
+        if value_of(config, key) is not None:
+            yield refusal(key, value_of(config, key), "null with teacher.pretrained=true")
+
+
+def stiffest_legs(config: Config) -> Iterator[str]:
+    """The stiffest of a range can be integrated, too."""
+    from romgrl.rom.registry import MODELS, parameters_of
+
+    share = max(config.teacher.stiffness_shares or [config.teacher.stiffness_share])
+    if config.rom.model != MOTORS or share <= 1:
+        return
+    parameters = parameters_of(config.rom, {"mass": config.humanoid.mass if config.humanoid.xml is None else None})
+    stiffest = replace(parameters, stiffness=share * parameters.stiffness)
+    if [*MODELS[MOTORS].faults(stiffest, config.humanoid.control_frequency)]:
+        key = "teacher.stiffness_share" + ("s" if config.teacher.stiffness_shares else "")
+        permitted = f"less, or more rom.substeps: legs of {stiffest.stiffness:g} N/m cannot be integrated"
+        yield refusal(key, value_of(config, key), permitted)
 
 
 RANGE_CHECKS = (
     (("teacher.speed", "teacher.speeds", "teacher.stiffness_share", "teacher.stiffness_shares"), asked_within_range),
     (("teacher.command_steps", "teacher.speeds", "teacher.stiffness_shares"), commands_within_range),
-    (("rom.model", "teacher.stiffness_shares", "teacher.leg_motor_cost"), seen_stiffness),
+    (("rom.model", *OF_MOTORS), of_motors),
+    (("teacher.pretrained", *RANGES.values()), trained_ranges),
+    ((*ROM_KEYS, "teacher.stiffness_share", "teacher.stiffness_shares"), stiffest_legs),
 )

@@ -7,6 +7,9 @@ import shlex
 from pathlib import Path
 from urllib.parse import quote, unquote, urlsplit
 
+KEPT_FILE = "kept.txt"
+"""In a directory that keeps the numbers of sweeps alone (`romgrl.results.keep`)."""
+
 SQLITE = "sqlite:///"
 READ_AS_IT_IS = re.compile(r"[A-Za-z0-9_/.+@%:-]+")  # by Hydra and by a shell
 

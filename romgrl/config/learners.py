@@ -39,7 +39,7 @@ class Teacher:
     leg_motor_cost: float = key(
         "what the reward loses by positive power of the legs' motors of body weight times sqrt(g leg_length)",
         low=0,
-        high=1e6,
+        high=1000,
     )
     reward: str = key(
         "exponential: exp(-alpha |v - speed|); forward_velocity: v", choices=("exponential", "forward_velocity")

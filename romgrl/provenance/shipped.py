@@ -14,7 +14,7 @@ from romgrl.errors import ArtifactError
 PLACE = Path(__file__).resolve().parents[1] / "pretrained"
 GROUPS = {"teacher": "teacher", "student": "student", "baseline": "student"}  # whose `pretrained` asks for the walker
 LEARNING = ("teacher.", "student.", "discriminator.")  # how a walker was trained: nothing that it is run with, but for
-RUNNING = ("teacher.speed", "teacher.hidden_sizes", "teacher.activation")
+RUNNING = ("teacher.speed", "teacher.stiffness_share", "teacher.hidden_sizes", "teacher.activation")
 
 
 def is_pretrained(stage: str, config: Config) -> bool:

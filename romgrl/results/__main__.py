@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 from argparse import ArgumentParser, ArgumentTypeError
 from collections.abc import Callable, Sequence
@@ -16,7 +17,10 @@ def path(text: str) -> Path:
     """The file or directory that a user means, which an empty text (a variable without a value) is not."""
     if not text:
         raise ArgumentTypeError("is empty; name a place")
-    return Path(text)
+    try:
+        return Path(text).expanduser()
+    except RuntimeError as error:  # ~ of nobody
+        raise ArgumentTypeError(f"{text}: there is no such user") from error
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -37,7 +41,7 @@ def main(arguments: Sequence[str]) -> int:
     from romgrl.results.results_document import write_document
 
     def work() -> str:
-        outputs = chosen.outputs.expanduser().resolve()
+        outputs = chosen.outputs.resolve()
         others = {} if chosen.readme is None else {chosen.readme: readme_text(outputs, chosen.readme)}
         written = write_document(outputs, chosen.docs, others)
         return f"{written[0]}: written, with {len(written) - 1} files in {written[0].parent / 'results'}"
@@ -55,6 +59,9 @@ def exit_code(work: Callable[[], str]) -> int:
     except OSError as error:
         print(f"{error.filename}: {error.strerror}" if error.filename else error, file=sys.stderr)
         return StorageError.exit_code
+    except KeyboardInterrupt:
+        print("interrupted; what was there before is whole", file=sys.stderr)
+        return 128 + signal.SIGINT
     return 0
 
 

@@ -80,7 +80,9 @@ def read_evaluation(directory: Path, known: Catalogue) -> FinishedEvaluation:
             f"{TEACHER}/{name.partition('/')[2]}": value for name, value in own.items() if name.startswith("teacher/")
         }
     for student in lineage.get("student", [])[:1]:
-        numbers |= steps_made(directory.parent.with_name("student") / student.key)
+        place = directory.parent.with_name("student") / student.key
+        open_numbers(place, stage="student")
+        numbers |= steps_made(place)
     numbers |= errors_by_channel(directory)
     return FinishedEvaluation(directory, manifest, lineage, with_weakest(numbers) | derived(numbers))
 
@@ -120,7 +122,7 @@ def catalogue(outputs: Path) -> Catalogue:
     for stage in LINEAGE:
         for path in sorted(outputs.glob(f"artifacts/{stage}/*/manifest.json")):
             try:
-                manifest = read_manifest(path.parent)
+                manifest = manifest_of(path.parent)
             except ArtifactError:
                 continue
             known[stage].setdefault(manifest.digest, []).append(manifest)
@@ -134,8 +136,16 @@ def trace(manifest: Manifest, known: Catalogue) -> dict[str, list[Manifest]]:
         for child in lineage.get(stage, []):
             for name, digest in child.inputs.items():
                 several = lineage.setdefault(name, [])
-                several += [each for each in known[name].get(digest, []) if each not in several]
+                several += [each for each in known.get(name, {}).get(digest, []) if each not in several]
     return lineage
+
+
+def manifest_of(directory: Path) -> Manifest:
+    """The manifest in a directory ROOT/artifacts/STAGE/KEY. Raises ArtifactError for that of another artifact."""
+    manifest = read_manifest(directory)
+    if (manifest.stage, manifest.key) != (directory.parent.name, directory.name):
+        raise ArtifactError(f"{directory}: holds {manifest.stage}/{manifest.key}")
+    return manifest
 
 
 def differences(evaluation: FinishedEvaluation, config: Config) -> list[str]:

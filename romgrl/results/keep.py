@@ -10,11 +10,13 @@ from dataclasses import asdict, replace
 from pathlib import Path
 
 from romgrl.artifacts import MANIFEST, read_manifest, storage_faults, write_bytes
+from romgrl.config.addresses import KEPT_FILE
 from romgrl.errors import ArtifactError
 from romgrl.results.__main__ import exit_code, path
-from romgrl.results.evaluation_index import Catalogue, catalogue, trace
-from romgrl.results.kept import KEPT_FILE, KEPT_TABLES, KEPT_TEXT, open_numbers
-from romgrl.results.sweep_record import JOBS, SWEEP, JobEnd, Sweep, public, settings, sweeps
+from romgrl.results.evaluation_index import Catalogue, catalogue, manifest_of, trace
+from romgrl.results.kept import KEPT_TABLES, KEPT_TEXT, open_numbers
+from romgrl.results.sweep_cells import located
+from romgrl.results.sweep_record import JOBS, PRIVATE, SWEEP, JobEnd, Sweep, public, read_sweep, settings, sweeps
 from romgrl.runtime.display import protect
 
 
@@ -27,73 +29,113 @@ def main(arguments: Sequence[str]) -> int:
     chosen = parser.parse_args(arguments)
 
     def work() -> str:
-        jobs = keep(chosen.outputs.expanduser().resolve(), chosen.place)
+        jobs = keep(chosen.outputs.resolve(), chosen.place)
         return f"{chosen.place}: keeps the numbers of {jobs} finished job{'' if jobs == 1 else 's'}"
 
     return exit_code(work)
 
 
 def keep(outputs: Path, place: Path) -> int:
-    """Copy records, manifests and tables of every finished job; how many jobs. Raises ArtifactError and StorageError.
+    """Copy records of sweeps, manifests and tables; returns how many jobs have finished.
 
-    A manifest goes last, so that what a fault cut short counts as missing.
+    All is read and verified before anything is written; what is there already must be the same, or an earlier record of
+    the same sweep. Raises ArtifactError and StorageError.
     """
+    require_apart(outputs, place)
     found = sweeps(outputs)
     if not found:
         raise ArtifactError(f"{outputs}: holds no sweep")
+    known = catalogue(outputs)
+    files: dict[Path, bytes] = {}
+    for directory in sorted({way for sweep in found for end in finished(sweep) for way in ways(end, outputs, known)}):
+        files |= artifact_files(outputs, directory)
+    for sweep in found:
+        files |= record_files(sweep, outputs, place)
+    jobs = sum(len({frozenset(settings(end.overrides).items()) for end in finished(sweep)}) for sweep in found)
+    if not jobs:
+        raise ArtifactError(f"{outputs}: no job of its sweeps has finished")
+    require_same(files, place)
     with storage_faults(place):
-        place.mkdir(parents=True, exist_ok=True)
-        write_bytes(place / KEPT_FILE, KEPT_TEXT.encode())
-        known = catalogue(outputs)
-        ends = {sweep.directory: [relative(end) for end in sweep.ends if end.error is None] for sweep in found}
-        for directory in sorted({way for several in ends.values() for way in ways(several, outputs, known)}):
-            keep_artifact(outputs / directory, place / directory)
-        for sweep in found:
-            if ends[sweep.directory]:
-                keep_record(sweep, ends[sweep.directory], place / "sweeps" / sweep.directory.name)
-    return sum(map(len, ends.values()))
+        for name, content in {Path(KEPT_FILE): KEPT_TEXT.encode(), **files}.items():
+            (place / name).parent.mkdir(parents=True, exist_ok=True)
+            write_bytes(place / name, content)
+    return jobs
 
 
-def relative(end: JobEnd) -> JobEnd:
+def require_apart(outputs: Path, place: Path) -> None:
+    """Raise ArtifactError unless a place is no directory of results, nor within one or around it."""
+    here = place.resolve()
+    if here == outputs or here in outputs.parents or outputs in here.parents:
+        raise ArtifactError(f"{place}: is not allowed; allowed: a directory that is apart from {outputs}")
+    if not (here / KEPT_FILE).is_file() and any((here / name).exists() for name in ("artifacts", "sweeps")):
+        raise ArtifactError(f"{place}: holds results, not kept numbers; name another directory")
+
+
+def require_same(files: dict[Path, bytes], place: Path) -> None:
+    """Raise ArtifactError where a place keeps other bits of the same settings; those of another day may be the same,
+    and stay as they are."""
+    for manifest in [name for name in files if name.name == MANIFEST and (place / name).is_file()]:
+        there = place / manifest.parent
+        if read_manifest(there).digest != json.loads(files[manifest])["digest"]:
+            raise ArtifactError(f"{there}: has other bits of the same settings; keep them in a directory of their own")
+        for name in [name for name in files if name.parent == manifest.parent]:
+            del files[name]
+
+
+def finished(sweep: Sweep) -> list[JobEnd]:
+    """The ends of the jobs that ended well."""
+    return [end for end in sweep.ends if end.error is None]
+
+
+def ways(end: JobEnd, outputs: Path, known: Catalogue) -> Iterator[Path]:
+    """Where the artifacts of a job are, and all that these were made from. Raises ArtifactError for what is missing."""
+    for place in end.artifacts.values():
+        if Path(place).parent.name not in KEPT_TABLES:
+            continue
+        directory = located(outputs, Path(place))
+        for name, several in trace(manifest_of(directory), known).items():
+            if name in KEPT_TABLES and not several:
+                raise ArtifactError(f"{directory}: its {name} is not there any more")
+            yield from (Path("artifacts", name, each.key) for each in several if name in KEPT_TABLES)
+
+
+def artifact_files(outputs: Path, directory: Path) -> dict[Path, bytes]:
+    """The tables of an artifact and its manifest, which goes last: what a fault cuts short counts as missing."""
+    manifest = open_numbers(outputs / directory, stage=directory.parent.name)
+    pattern = KEPT_TABLES[manifest.stage]
+    names = [name for name in sorted(manifest.files) if pattern is not None and Path(name).match(pattern)]
+    return {directory / name: (outputs / directory / name).read_bytes() for name in [*names, MANIFEST]}
+
+
+def record_files(sweep: Sweep, outputs: Path, place: Path) -> dict[Path, bytes]:
+    """What a sweep was asked for and how its jobs ended, without what is about a machine.
+
+    Raises ArtifactError where the place has another sweep of that name, or knows more of this one.
+    """
+    directory = Path("sweeps", sweep.directory.name)
+    ends = [plain(end, outputs) for end in sweep.ends]
+    if (place / directory).exists():
+        before = read_sweep(place / directory)
+        if (before.name, before.started) != (sweep.name, sweep.started) or any(end not in ends for end in before.ends):
+            raise ArtifactError(f"{place / directory}: keeps another sweep; keep {outputs} in another directory")
+    document = json.loads((sweep.directory / SWEEP).read_text(encoding="utf-8"))
+    document |= {"command": public(sweep.command), "jobs": [impersonal(job) for job in sweep.jobs]}
+    return {
+        directory / JOBS: "".join(json.dumps(asdict(end)) + "\n" for end in ends).encode(),
+        directory / SWEEP: (json.dumps(document, indent=1) + "\n").encode(),
+    }
+
+
+def plain(end: JobEnd, outputs: Path) -> JobEnd:
     """The end of a job, without what is about the machine that it ran on."""
     places = {stage: "/".join(("artifacts", *Path(path).parts[-2:])) for stage, path in end.artifacts.items()}
-    return replace(end, overrides=plain(end.overrides), artifacts=places)
+    error = None if end.error is None else end.error.replace(f"{outputs}/", "")
+    return replace(end, overrides=impersonal(end.overrides), artifacts=places, error=error)
 
 
-def plain(overrides: Sequence[str]) -> list[str]:
-    """The overrides that say what a job makes."""
-    wanted = settings(overrides)
-    return [text for text in overrides if text.lstrip("+").partition("=")[0] in wanted]
-
-
-def ways(ends: Sequence[JobEnd], outputs: Path, known: Catalogue) -> Iterator[Path]:
-    """Where the artifacts of jobs are, and all that these were made from."""
-    for end in ends:
-        for made in map(Path, end.artifacts.values()):
-            if made.parent.name not in KEPT_TABLES:
-                continue
-            yield made
-            for stage, several in trace(read_manifest(outputs / made), known).items():
-                yield from (Path("artifacts", stage, each.key) for each in several if stage in KEPT_TABLES)
-
-
-def keep_artifact(source: Path, target: Path) -> None:
-    """Verify an artifact and copy its tables, then its manifest. Raises ArtifactError."""
-    manifest = open_numbers(source, stage=source.parent.name)
-    target.mkdir(parents=True, exist_ok=True)
-    for name in sorted(manifest.files):
-        if (source / name).is_file() and Path(name).match(KEPT_TABLES[manifest.stage] or "/"):
-            write_bytes(target / name, (source / name).read_bytes())
-    write_bytes(target / MANIFEST, (source / MANIFEST).read_bytes())
-
-
-def keep_record(sweep: Sweep, ends: Sequence[JobEnd], target: Path) -> None:
-    """What a sweep was asked for and how its finished jobs ended."""
-    target.mkdir(parents=True, exist_ok=True)
-    document = json.loads((sweep.directory / SWEEP).read_text(encoding="utf-8"))
-    document |= {"command": public(sweep.command), "jobs": [plain(job) for job in sweep.jobs]}
-    write_bytes(target / JOBS, "".join(json.dumps(asdict(end)) + "\n" for end in ends).encode())
-    write_bytes(target / SWEEP, (json.dumps(document, indent=1) + "\n").encode())
+def impersonal(overrides: Sequence[str]) -> list[str]:
+    """The overrides that are not about a machine."""
+    return [text for text in overrides if text.lstrip("+").partition("=")[0].partition(".")[0] not in PRIVATE]
 
 
 if __name__ == "__main__":

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from romgrl.artifacts import Manifest, open_artifact
+from romgrl.config.addresses import KEPT_FILE
 
-KEPT_FILE = "kept.txt"
 KEPT_TEXT = """Numbers of sweeps: of each job the manifests of its artifacts and their tables, without policies
 and rollouts. Written by `python -m romgrl.results.keep OUTPUTS DIRECTORY`; `python -m romgrl.results DIRECTORY docs`
 writes documents from it, as from the directory of results. Every table has the SHA-256 that its manifest says.

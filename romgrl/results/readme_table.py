@@ -31,7 +31,8 @@ FAIR_COLUMNS = (
 )
 FAIR_SAID = (
     f"What else may stand in the student's place (`sweeps/fair.yaml`), with its budget; {BRACKETS}. p: exact, one-"
-    "sided, that the student's error is smaller, of the channel in which that is least sure:"
+    "sided, that the student's error is smaller, of the channel in which that is least sure; uncorrected, "
+    "docs/results.md has Holm's, and the seeds without an error"
 )
 START, END = "<!-- results -->", "<!-- end of results -->"
 GAIT = {
@@ -88,11 +89,12 @@ def fair_table(outputs: Path) -> list[str]:
     """What stands in the student's place, beside it, and what the imitation alone is worth; none without that sweep."""
     text = []
     for sweep in merged(sweeps(outputs)):
-        for walkers in by_walker(results(sweep, outputs)).values() if sweep.name == FAIR else ():
+        for other, walkers in by_walker(results(sweep, outputs)).items() if sweep.name == FAIR else ():
             if compared := with_student(walkers):
                 table = walkers_table(walkers, compared)
                 shown = [column for column in FAIR_COLUMNS if column in table]
-                text += [FAIR_SAID, "", markdown(table[shown]), *worth_of_imitation(walkers)]
+                title = f"{FAIR_SAID}; {other}:" if other else f"{FAIR_SAID}:"
+                text += [title, "", markdown(table[shown]), *worth_of_imitation(walkers)]
     return text
 
 

@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
+from romgrl.config.addresses import KEPT_FILE
 from romgrl.config.schema import Config
 from romgrl.errors import ArtifactError
 from romgrl.gait.features import ALIGNMENTS, CHANNELS
@@ -32,7 +33,8 @@ def verify(config: Config, command: Sequence[str]) -> list[str | Sheet]:
     outputs = Path(config.paths.outputs)
     selection = select(outputs, config)
     one_seed = is_pretrained("student", config)  # what ships
-    rest = [text for text in command if text.partition("=")[0] not in ("stage", "seed")]
+    dropped = {"stage", "seed", *(["paths.outputs"] if (outputs / KEPT_FILE).is_file() else [])}
+    rest = [text for text in command if text.partition("=")[0] not in dropped]
     making = shlex.join(["python", "-m", "romgrl", *([] if one_seed else seeds_wanted(selection.seeds)), *rest])
     if not selection.used:
         why = f" ({len(selection.left_out)} with other settings or damaged)" if selection.left_out else ""

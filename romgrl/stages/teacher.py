@@ -58,7 +58,7 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
     for at in checked_tasks(config):
         row = describe(check_gait(at, policy), target_speed=at.teacher.speed, mass=env.parameters.mass)
         rows.append({"walker": name_of_task(at), **row})
-        told = "" if name_of_task(at) == "teacher" else f"{name_of_task(at).removeprefix('teacher ')}: "
+        told = "" if name_of_task(at) == "teacher" else f"{name_of_task(at)}: "
         log.message(
             f"{told}{row['falls']:.0f} falls in {CHECK_EPISODES} episodes, {row['mean_speed_m_per_s']:.2f} m/s, "
             f"left-right correlation {row['left_right_correlation']:.2f}, {row['stride_frequency_hz']:.2f} strides/s"

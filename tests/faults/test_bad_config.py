@@ -19,6 +19,7 @@ from romgrl.cli.arguments import faults, read_options
 from romgrl.cli.compose import to_config
 from romgrl.cli.consistency import CHECKS, validate
 from romgrl.cli.hydra_loader import Loader
+from romgrl.cli.teacher_ranges import OF_MOTORS
 from romgrl.config.schema import Config
 from romgrl.config.values import keys_of, kind_of, schema_keys, value_of
 from romgrl.humanoid.own_body import human_spec
@@ -151,7 +152,7 @@ def good_values(config: Config, seed: int) -> Iterator[list[str]]:
         elif entry.metadata["choices"] and key != "device":
             yield [f"{key}={draw.choice(entry.metadata['choices'])}"]
         elif kind.item == "float" and isinstance(value, float) and value > 0:
-            yield [f"{key}={0.995 * value:.6g}"]
+            yield [*(["rom=variable_leg"] if key in OF_MOTORS else []), f"{key}={0.995 * value:.6g}"]
 
 
 def test_good_configurations_are_taken(

@@ -3,19 +3,27 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
+from inspect import signature
 from pathlib import Path
 
 import pytest
 
+from romgrl.artifacts import read_manifest, write_manifest
+from romgrl.cli.locations import outputs_directory
+from romgrl.config.addresses import KEPT_FILE
 from romgrl.config.schema import Config
 from romgrl.results import keep as keep_module
 from romgrl.results import statistics, sweep_tables
 from romgrl.results.__main__ import main as write
 from romgrl.results.keep import main as keep
-from romgrl.results.kept import KEPT_FILE
 from romgrl.results.text_table import Sheet
 from romgrl.results.verify import verify
+from tests.results.chains import changed, write_numbers
 from tests.results.test_results_document import stored
+
+MADE = [name for name in signature(write_manifest).parameters if name != "directory"]
+Capsys = pytest.CaptureFixture[str]
 
 
 @pytest.fixture(autouse=True)
@@ -37,6 +45,12 @@ def test_documents_are_the_same(outputs: Path, default_config: Config, tmp_path:
     kept = tmp_path / "numbers"
     assert keep([str(outputs), str(kept)]) == 0
     assert keep([str(kept), str(tmp_path / "again")]) == 0
+    said = []
+    for place in (outputs, kept, tmp_path / "again"):
+        assert write([str(place), str(tmp_path / "first")]) == 0
+        said.append((tmp_path / "first" / "results.md").read_text(encoding="utf-8"))
+    assert said == [said[0]] * 3
+    assert "- seed=6: student: loss = nan at step 7" in said[0]
     stored(outputs, default_config, "aa", "paper", {"speed": ["4.0"], "seed": ["6", "8"]})  # on another day
     assert keep([str(outputs), str(kept)]) == 0
     texts = {}
@@ -79,6 +93,57 @@ def test_what_cannot_be_kept(outputs: Path, tmp_path: Path, capsys: pytest.Captu
     (tmp_path / "file").write_text("", encoding="utf-8")
     assert keep([str(outputs), str(tmp_path / "file" / "numbers")]) != 0
     assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_what_is_there_is_not_lost(outputs: Path, default_config: Config, tmp_path: Path, capsys: Capsys) -> None:
+    kept, other = tmp_path / "numbers", tmp_path / "other"
+    assert keep([str(outputs), str(kept)]) == 0
+    before = {path: path.read_bytes() for path in kept.rglob("*") if path.is_file()}
+    stored(other, default_config, "b", "paper", {"speed": ["4.0"], "seed": ["5"]})
+    evaluation = next(other.glob("artifacts/evaluation/*"))
+    write_numbers(evaluation, 0.5, 0.6, {}, comparable=True)  # other bits of the same settings
+    manifest = read_manifest(evaluation)
+    write_manifest(evaluation, **{name: getattr(manifest, name) for name in MADE})
+    stored(tmp_path / "third", default_config, "a", "eta", {"eta": ["0.4"], "seed": ["5"]})  # a sweep of the same name
+    wrong = {
+        other: "other bits",
+        tmp_path / "third": "another sweep",
+        kept: "apart from",
+        kept / "sweeps": "apart from",
+    }
+    for place, told in wrong.items():
+        assert keep([str(place), str(kept)]) != 0
+        assert told in capsys.readouterr().err
+    assert keep([str(kept), str(outputs)]) != 0
+    assert "holds results" in capsys.readouterr().err
+    assert {path: path.read_bytes() for path in kept.rglob("*") if path.is_file()} == before
+
+
+def test_nothing_is_trained_where_numbers_are_kept(outputs: Path, default_config: Config, tmp_path: Path) -> None:
+    kept = tmp_path / "numbers"
+    assert keep([str(outputs), str(kept)]) == 0
+    told = {}
+    for stage in ("all", "verify"):
+        told[stage] = [*outputs_directory(changed(default_config, f"stage={stage}", f"paths.outputs={kept}"))]
+    assert told["verify"] == []
+    assert "kept.txt" in told["all"][0]
+    config = changed(default_config, f"paths.outputs={kept}")
+    assert not any("paths.outputs" in str(line) for line in verify(config, [f"paths.outputs={kept}"]))
+
+
+@pytest.mark.parametrize("name", ["../../../teacher/loot", "/tmp/loot", "other"])
+def test_a_forged_key_leads_nowhere(outputs: Path, tmp_path: Path, name: str) -> None:
+    manifest = next(outputs.glob("artifacts/teacher/*/manifest.json"))
+    manifest.write_text(replace(read_manifest(manifest.parent), key=name).text, encoding="utf-8")
+    assert keep([str(outputs), str(tmp_path / "out" / "numbers")]) != 0
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_curve_of_a_student_is_verified(outputs: Path, default_config: Config, tmp_path: Path) -> None:
+    """The steps of a training are told by it."""
+    student = next(outputs.glob("artifacts/student/*"))
+    (student / "content.txt").write_text("changed", encoding="utf-8")
+    assert keep([str(outputs), str(tmp_path / "numbers")]) != 0
 
 
 def test_a_job_without_artifacts_is_no_reason_to_stop(outputs: Path, tmp_path: Path) -> None:

@@ -38,6 +38,7 @@ def checked_tasks(config: Config) -> list[Config]:
     speeds = (
         [teacher.speed] if teacher.speeds is None else np.linspace(teacher.speeds[0], teacher.speeds[1], GRID).tolist()
     )
+    speeds = [*dict.fromkeys(speeds)]
     shares = [teacher.stiffness_share] if teacher.stiffness_shares is None else sorted({*teacher.stiffness_shares})
     return [
         replace(config, teacher=replace(teacher, speed=speed, stiffness_share=share))
