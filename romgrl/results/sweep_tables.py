@@ -24,7 +24,7 @@ from romgrl.results.sweep_cells import (
     results,
 )
 from romgrl.results.sweep_cost import best_jobs, cost
-from romgrl.results.sweep_record import RESULTS, Sweep
+from romgrl.results.sweep_record import RESULTS, UNFINISHED, Sweep
 from romgrl.results.text_table import BRACKETS, with_interval, with_range
 
 TABLE_FILE = "table.md"
@@ -133,9 +133,12 @@ def seeds_line(found: list[JobResult]) -> list[str]:
 
 
 def failures(found: list[JobResult]) -> list[str]:
-    """A line for each job that has no numbers."""
-    return [
-        f"- {' '.join(f'{key}={value}' for key, value in each.swept.items()) or 'job'}: {each.error}"
+    """A line for each job that has no numbers, and one for all that did not end."""
+    names = {
+        id(each): " ".join(f"{key}={value}" for key, value in each.swept.items()) or "job"
         for each in found
         if each.error is not None
-    ]
+    }
+    lines = [f"- {names[id(each)]}: {each.error}" for each in found if each.error not in (None, UNFINISHED)]
+    missing = [names[id(each)] for each in found if each.error == UNFINISHED]
+    return lines + [f"- {UNFINISHED}: {', '.join(missing)}"] * bool(missing)
