@@ -72,15 +72,16 @@ def read_evaluation(directory: Path, known: Catalogue) -> FinishedEvaluation:
     for stage, manifests in lineage.items():
         if not manifests:
             raise ArtifactError(f"{directory}: its {stage} is not there any more")
+    outputs = directory.parents[2]
     for teacher in lineage.get("teacher", [])[:1]:
-        place = directory.parent.with_name("teacher") / teacher.key
+        place = artifact_place(outputs, teacher)
         open_numbers(place, stage="teacher")
         own = result_metrics(place)
         numbers |= {
             f"{TEACHER}/{name.partition('/')[2]}": value for name, value in own.items() if name.startswith("teacher/")
         }
     for student in lineage.get("student", [])[:1]:
-        place = directory.parent.with_name("student") / student.key
+        place = artifact_place(outputs, student)
         open_numbers(place, stage="student")
         numbers |= steps_made(place)
     numbers |= errors_by_channel(directory)
@@ -143,9 +144,21 @@ def trace(manifest: Manifest, known: Catalogue) -> dict[str, list[Manifest]]:
 def manifest_of(directory: Path) -> Manifest:
     """The manifest in a directory ROOT/artifacts/STAGE/KEY. Raises ArtifactError for that of another artifact."""
     manifest = read_manifest(directory)
-    if (manifest.stage, manifest.key) != (directory.parent.name, directory.name):
+    if manifest.stage != directory.parent.name or directory.name not in (manifest.key, other_name(manifest)):
         raise ArtifactError(f"{directory}: holds {manifest.stage}/{manifest.key}")
     return manifest
+
+
+def other_name(manifest: Manifest) -> str:
+    """What an artifact is called where another one has its key: of the same settings with other bits."""
+    return f"{manifest.key}-{manifest.digest[:8]}"
+
+
+def artifact_place(outputs: Path, manifest: Manifest) -> Path:
+    """Where the artifact of a manifest of `catalogue` is."""
+    place = outputs / "artifacts" / manifest.stage / manifest.key
+    other = place.with_name(other_name(manifest))
+    return other if other.is_dir() else place
 
 
 def differences(evaluation: FinishedEvaluation, config: Config) -> list[str]:

@@ -5,15 +5,15 @@ from __future__ import annotations
 import json
 import sys
 from argparse import ArgumentParser
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 
-from romgrl.artifacts import MANIFEST, read_manifest, storage_faults, write_bytes
+from romgrl.artifacts import MANIFEST, Manifest, read_manifest, storage_faults, write_bytes
 from romgrl.config.addresses import KEPT_FILE
 from romgrl.errors import ArtifactError
 from romgrl.results.__main__ import exit_code, path
-from romgrl.results.evaluation_index import Catalogue, catalogue, manifest_of, trace
+from romgrl.results.evaluation_index import Catalogue, artifact_place, catalogue, manifest_of, other_name, trace
 from romgrl.results.kept import KEPT_TABLES, KEPT_TEXT, open_numbers
 from romgrl.results.sweep_cells import located
 from romgrl.results.sweep_record import JOBS, PRIVATE, SWEEP, JobEnd, Sweep, public, read_sweep, settings, sweeps
@@ -46,19 +46,23 @@ def keep(outputs: Path, place: Path) -> int:
     if not found:
         raise ArtifactError(f"{outputs}: holds no sweep")
     known = catalogue(outputs)
+    made = {way for sweep in found for end in finished(sweep) for way in ways(end, outputs, known)}
+    names: dict[Path, Path] = {}
     files: dict[Path, bytes] = {}
-    for directory in sorted({way for sweep in found for end in finished(sweep) for way in ways(end, outputs, known)}):
-        files |= artifact_files(outputs, directory)
+    for directory in sorted(made):
+        names[directory] = name_there(open_numbers(outputs / directory, stage=directory.parent.name), place)
+        if not (place / names[directory] / MANIFEST).is_file():
+            tables = artifact_files(outputs / directory)
+            files |= {names[directory] / name: content for name, content in tables.items()}
     for sweep in found:
-        files |= record_files(sweep, outputs, place)
+        files |= record_files(sweep, outputs, place, names)
     jobs = sum(len({frozenset(settings(end.overrides).items()) for end in finished(sweep)}) for sweep in found)
     if not jobs:
         raise ArtifactError(f"{outputs}: no job of its sweeps has finished")
-    require_same(files, place)
     with storage_faults(place):
-        for name, content in {Path(KEPT_FILE): KEPT_TEXT.encode(), **files}.items():
-            (place / name).parent.mkdir(parents=True, exist_ok=True)
-            write_bytes(place / name, content)
+        for file, content in {Path(KEPT_FILE): KEPT_TEXT.encode(), **files}.items():
+            (place / file).parent.mkdir(parents=True, exist_ok=True)
+            write_bytes(place / file, content)
     return jobs
 
 
@@ -71,15 +75,12 @@ def require_apart(outputs: Path, place: Path) -> None:
         raise ArtifactError(f"{place}: holds results, not kept numbers; name another directory")
 
 
-def require_same(files: dict[Path, bytes], place: Path) -> None:
-    """Raise ArtifactError where a place keeps other bits of the same settings; those of another day may be the same,
-    and stay as they are."""
-    for manifest in [name for name in files if name.name == MANIFEST and (place / name).is_file()]:
-        there = place / manifest.parent
-        if read_manifest(there).digest != json.loads(files[manifest])["digest"]:
-            raise ArtifactError(f"{there}: has other bits of the same settings; keep them in a directory of their own")
-        for name in [name for name in files if name.parent == manifest.parent]:
-            del files[name]
+def name_there(manifest: Manifest, place: Path) -> Path:
+    """Where a place keeps an artifact: other bits of the same settings are kept beside the first."""
+    usual = Path("artifacts", manifest.stage, manifest.key)
+    first = place / usual
+    same = not (first / MANIFEST).is_file() or read_manifest(first).digest == manifest.digest
+    return usual if same else usual.with_name(other_name(manifest))
 
 
 def finished(sweep: Sweep) -> list[JobEnd]:
@@ -96,24 +97,24 @@ def ways(end: JobEnd, outputs: Path, known: Catalogue) -> Iterator[Path]:
         for name, several in trace(manifest_of(directory), known).items():
             if name in KEPT_TABLES and not several:
                 raise ArtifactError(f"{directory}: its {name} is not there any more")
-            yield from (Path("artifacts", name, each.key) for each in several if name in KEPT_TABLES)
+            yield from (artifact_place(outputs, each).relative_to(outputs) for each in several if name in KEPT_TABLES)
 
 
-def artifact_files(outputs: Path, directory: Path) -> dict[Path, bytes]:
+def artifact_files(directory: Path) -> dict[str, bytes]:
     """The tables of an artifact and its manifest, which goes last: what a fault cuts short counts as missing."""
-    manifest = open_numbers(outputs / directory, stage=directory.parent.name)
+    manifest = read_manifest(directory)
     pattern = KEPT_TABLES[manifest.stage]
     names = [name for name in sorted(manifest.files) if pattern is not None and Path(name).match(pattern)]
-    return {directory / name: (outputs / directory / name).read_bytes() for name in [*names, MANIFEST]}
+    return {name: (directory / name).read_bytes() for name in [*names, MANIFEST]}
 
 
-def record_files(sweep: Sweep, outputs: Path, place: Path) -> dict[Path, bytes]:
-    """What a sweep was asked for and how its jobs ended, without what is about a machine.
+def record_files(sweep: Sweep, outputs: Path, place: Path, names: Mapping[Path, Path]) -> dict[Path, bytes]:
+    """What a sweep was asked for and how its jobs ended, without what is about a machine; names: of kept artifacts.
 
     Raises ArtifactError where the place has another sweep of that name, or knows more of this one.
     """
     directory = Path("sweeps", sweep.directory.name)
-    ends = [plain(end, outputs) for end in sweep.ends]
+    ends = [plain(end, outputs, names) for end in sweep.ends]
     if (place / directory).exists():
         before = read_sweep(place / directory)
         if (before.name, before.started) != (sweep.name, sweep.started) or any(end not in ends for end in before.ends):
@@ -126,9 +127,10 @@ def record_files(sweep: Sweep, outputs: Path, place: Path) -> dict[Path, bytes]:
     }
 
 
-def plain(end: JobEnd, outputs: Path) -> JobEnd:
+def plain(end: JobEnd, outputs: Path, names: Mapping[Path, Path]) -> JobEnd:
     """The end of a job, without what is about the machine that it ran on."""
-    places = {stage: "/".join(("artifacts", *Path(path).parts[-2:])) for stage, path in end.artifacts.items()}
+    made = {stage: Path("artifacts", *Path(path).parts[-2:]) for stage, path in end.artifacts.items()}
+    places = {stage: str(names.get(path, path)) for stage, path in made.items()}
     error = None if end.error is None else end.error.replace(f"{outputs}/", "")
     return replace(end, overrides=impersonal(end.overrides), artifacts=places, error=error)
 

@@ -147,7 +147,7 @@ def provenance(sweep: Sweep, jobs: Sequence[JobResult]) -> str:
     evaluations = [each.evaluation for each in jobs if each.evaluation is not None]
     done = sum(each.error is None for each in jobs)
     made = {
-        (several[0].key, several[0].stage): several[0].wall_time
+        (several[0].digest, several[0].key, several[0].stage): several[0].wall_time
         for evaluation in evaluations
         for several in evaluation.lineage.values()
     }

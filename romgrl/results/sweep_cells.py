@@ -10,7 +10,6 @@ from typing import Any
 
 import pandas as pd
 
-from romgrl.artifacts import Manifest
 from romgrl.errors import ArtifactError
 from romgrl.gait.distances import FLOOR
 from romgrl.gait.features import CHANNELS
@@ -25,6 +24,7 @@ from romgrl.results.evaluation_index import (
     Catalogue,
     FinishedEvaluation,
     catalogue,
+    manifest_of,
     read_evaluation,
 )
 from romgrl.results.kept import open_numbers
@@ -105,20 +105,11 @@ def result(sweep: Sweep, job: list[str], outputs: Path, known: Catalogue) -> Job
             short = short_budgets(evaluation.settings, sweep.usual)
             return JobResult(swept, end, with_falls(evaluation.numbers), evaluation, short=short)
         if "teacher" in places:
-            short = short_budgets(known_manifest(places["teacher"], known).config, sweep.usual)
+            short = short_budgets(manifest_of(places["teacher"]).config, sweep.usual)
             return JobResult(swept, end, with_falls(result_metrics(places["teacher"])), short=short)
     except ArtifactError as error:
         return JobResult(swept, end, {}, error=str(error).replace(f"{outputs}/", ""))
     return JobResult(swept, end, {})
-
-
-def known_manifest(directory: Path, known: Catalogue) -> Manifest:
-    """The manifest of an artifact of the catalogue. Raises ArtifactError where it is not in it."""
-    for several in known[directory.parent.name].values():
-        for manifest in several:
-            if manifest.key == directory.name:
-                return manifest
-    raise ArtifactError(f"{directory}: is not there any more")
 
 
 def located(outputs: Path, path: Path) -> Path:

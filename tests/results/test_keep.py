@@ -7,6 +7,7 @@ from dataclasses import replace
 from inspect import signature
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
 from romgrl.artifacts import read_manifest, write_manifest
@@ -106,7 +107,6 @@ def test_what_is_there_is_not_lost(outputs: Path, default_config: Config, tmp_pa
     write_manifest(evaluation, **{name: getattr(manifest, name) for name in MADE})
     stored(tmp_path / "third", default_config, "a", "eta", {"eta": ["0.4"], "seed": ["5"]})  # a sweep of the same name
     wrong = {
-        other: "other bits",
         tmp_path / "third": "another sweep",
         kept: "apart from",
         kept / "sweeps": "apart from",
@@ -117,6 +117,13 @@ def test_what_is_there_is_not_lost(outputs: Path, default_config: Config, tmp_pa
     assert keep([str(kept), str(outputs)]) != 0
     assert "holds results" in capsys.readouterr().err
     assert {path: path.read_bytes() for path in kept.rglob("*") if path.is_file()} == before
+    assert keep([str(other), str(kept)]) == 0
+    assert {path: path.read_bytes() for path in before} == before
+    beside = [path for path in kept.glob("artifacts/evaluation/*") if "-" in path.name]
+    assert [path.name.partition("-")[0] for path in beside] == [evaluation.name]
+    assert write([str(kept), str(tmp_path / "docs")]) == 0
+    errors = pd.read_csv(tmp_path / "docs" / "results" / "paper_jobs.csv").set_index("seed")["average/aligned/student"]
+    assert errors[5] == pytest.approx(0.5)  # each job as it ended last
 
 
 def test_nothing_is_trained_where_numbers_are_kept(outputs: Path, default_config: Config, tmp_path: Path) -> None:
