@@ -18,13 +18,14 @@ def key(
     above: float | None = None,
     choices: Collection[str] = (),
     span: bool = False,
+    before: Any = MISSING,
 ) -> Any:
     """Describe one key: low <= value <= high, value > above, or value in choices. The value comes from YAML.
 
-    `span`: a list of two numbers, the ends of a range.
+    `span`: a list of two numbers, the ends of a range. `before`: what holds for artifacts that are older than the key.
     """
-    bounds = {"low": low, "high": high, "above": above}
-    return field(default=MISSING, metadata={"doc": doc, "unit": unit, "choices": choices, "span": span, **bounds})
+    told = {"doc": doc, "unit": unit, "choices": choices, "span": span, "before": before}
+    return field(default=MISSING, metadata={**told, "low": low, "high": high, "above": above})
 
 
 def one_of(kinds: Mapping[str, type]) -> Any:

@@ -23,23 +23,29 @@ class Teacher:
         low=0,
         high=10,
         span=True,
+        before=None,
     )
-    stiffness_share: float = key("stiffness of the legs that is asked for, share of rom.stiffness", low=0.1, high=10)
+    stiffness_share: float = key(
+        "stiffness of the legs that is asked for, share of rom.stiffness", low=0.1, high=10, before=1.0
+    )
     stiffness_shares: list[float] | None = key(
         "range of it that worlds have in a training, each episode another; null: stiffness_share alone",
         low=0.1,
         high=10,
         span=True,
+        before=None,
     )
     command_steps: int = key(
         "control steps after which a world is asked for another speed and stiffness; 0: not within an episode",
         low=0,
         high=10**9,
+        before=0,
     )
     leg_motor_cost: float = key(
         "what the reward loses by positive power of the legs' motors of body weight times sqrt(g leg_length)",
         low=0,
         high=1000,
+        before=0.0,
     )
     reward: str = key(
         "exponential: exp(-alpha |v - speed|); forward_velocity: v", choices=("exponential", "forward_velocity")

@@ -10,8 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from romgrl.artifacts import Manifest, read_manifest
+from romgrl.config.fields import MISSING
 from romgrl.config.schema import Config
-from romgrl.config.values import show
+from romgrl.config.values import schema_keys, show
 from romgrl.errors import ArtifactError
 from romgrl.gait.null_models import OVER_VARIANCE
 from romgrl.provenance.stage_graph import STAGES, upstream_of
@@ -178,11 +179,18 @@ def differing(had: Settings, wanted: Settings) -> Iterator[tuple[str, str]]:
     """Yield each key in which settings differ, and in which way."""
     for key in sorted(had.keys() | wanted.keys()):
         if key not in had:
-            yield key, f"made before {key} was a key"
+            if not as_before(key, wanted[key]):
+                yield key, f"made before {key} was a key"
         elif key not in wanted:
             yield key, f"{key} {show(had[key])}, which is no key any more"
         elif had[key] != wanted[key]:
             yield key, f"{key} {show(had[key])} instead of {show(wanted[key])}"
+
+
+def as_before(key: str, value: Any) -> bool:
+    """Tell whether a value of a key is what artifacts were made with before the key was there."""
+    entry = schema_keys().get(key)
+    return entry is not None and entry.metadata["before"] is not MISSING and bool(entry.metadata["before"] == value)
 
 
 def simplified(settings: Mapping[str, Any]) -> Settings:
