@@ -1,0 +1,28 @@
+"""The documents of the project are what its kept numbers say: nothing in them is typed in by hand."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pandas as pd
+
+from romgrl.results.__main__ import main
+
+ROOT = Path(__file__).resolve().parents[2]
+NUMBERS = ROOT / "docs" / "numbers"
+
+
+def test_documents_are_what_is_kept(tmp_path: Path) -> None:
+    docs, readme = tmp_path / "docs", tmp_path / "README.md"
+    shutil.copy(ROOT / "README.md", readme)
+    assert main([str(NUMBERS), str(docs), str(readme)]) == 0
+    assert readme.read_text(encoding="utf-8") == (ROOT / "README.md").read_text(encoding="utf-8")
+    assert (docs / "results.md").read_text(encoding="utf-8") == (ROOT / "docs" / "results.md").read_text(
+        encoding="utf-8"
+    )
+    names = {path.name for path in (docs / "results").iterdir()}
+    assert names == {path.name for path in (ROOT / "docs" / "results").iterdir()}
+    for name in sorted(name for name in names if name.endswith(".csv")):
+        tables = [pd.read_csv(place / name) for place in (docs / "results", ROOT / "docs" / "results")]
+        pd.testing.assert_frame_equal(*tables, rtol=1e-6)
