@@ -17,7 +17,7 @@ from romgrl.errors import ArtifactError
 from romgrl.gait.null_models import OVER_VARIANCE
 from romgrl.provenance.stage_graph import STAGES, upstream_of
 from romgrl.provenance.stage_keys import stage_settings
-from romgrl.report.terminal_tables import number, read_rows, result_metrics, with_weakest
+from romgrl.report.terminal_tables import number, read_rows, result_metrics, with_falls, with_weakest
 from romgrl.results.kept import open_numbers
 
 LINEAGE = tuple(stage for stage in STAGES if stage in upstream_of("evaluation") | {"evaluation"})
@@ -86,7 +86,7 @@ def read_evaluation(directory: Path, known: Catalogue) -> FinishedEvaluation:
         open_numbers(place, stage="student")
         numbers |= steps_made(place)
     numbers |= errors_by_channel(directory)
-    return FinishedEvaluation(directory, manifest, lineage, with_weakest(numbers) | derived(numbers))
+    return FinishedEvaluation(directory, manifest, lineage, with_weakest(with_falls(numbers)) | derived(numbers))
 
 
 def steps_made(student: Path) -> dict[str, float]:

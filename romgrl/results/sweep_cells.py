@@ -103,7 +103,7 @@ def result(sweep: Sweep, job: list[str], outputs: Path, known: Catalogue) -> Job
         if "evaluation" in places:
             evaluation = read_evaluation(places["evaluation"], known)
             short = short_budgets(evaluation.settings, sweep.usual)
-            return JobResult(swept, end, with_falls(evaluation.numbers), evaluation, short=short)
+            return JobResult(swept, end, evaluation.numbers, evaluation, short=short)
         if "teacher" in places:
             short = short_budgets(manifest_of(places["teacher"]).config, sweep.usual)
             return JobResult(swept, end, with_falls(result_metrics(places["teacher"])), short=short)

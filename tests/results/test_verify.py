@@ -101,6 +101,7 @@ def test_claim_by_claim(verify: Composer, tmp_path: Path) -> None:
         "-",
         "2 [2, 2]",
     ]  # teacher, student and baseline, over 0.05 m²
+    assert cells(row(text, "falls [%]"))[1:4] == ["0 [0, 0]"] * 3
     assert cells(row(text, "stride frequency [Hz]"))[1:] == [
         "1.5 [1.5, 1.5]",
         "1.62 [1.62, 1.62]",
