@@ -35,11 +35,11 @@ def asked_in_training(config: Config) -> Asked:
 def checked_tasks(config: Config) -> list[Config]:
     """The configurations at which a teacher is checked: its own, or one for each of GRID speeds and each stiffness."""
     teacher = config.teacher
-    speeds = (
-        [teacher.speed] if teacher.speeds is None else np.linspace(teacher.speeds[0], teacher.speeds[1], GRID).tolist()
-    )
-    speeds = [*dict.fromkeys(speeds)]
-    shares = [teacher.stiffness_share] if teacher.stiffness_shares is None else sorted({*teacher.stiffness_shares})
+    if teacher.speeds is None and teacher.stiffness_shares is None:
+        return [config]
+    low, high = teacher.speeds or (teacher.speed, teacher.speed)
+    speeds = dict.fromkeys(np.linspace(low, high, GRID).tolist())
+    shares = sorted({*(teacher.stiffness_shares or [teacher.stiffness_share])})
     return [
         replace(config, teacher=replace(teacher, speed=speed, stiffness_share=share))
         for speed in speeds
