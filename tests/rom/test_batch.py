@@ -1,5 +1,6 @@
 """Batches: equal to single worlds, for any thread count, after restoring, in the mirror, and from the same seed."""
 
+import os
 import subprocess
 import sys
 
