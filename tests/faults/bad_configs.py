@@ -46,7 +46,7 @@ def preset_of(key: str) -> list[str]:
     """What chooses a preset that has the key, where the default configuration lacks it."""
     if key not in foreign_keys(first_kind):
         return []
-    return [next(f"rom={kind}" for kind in ROMS if key not in foreign_keys(lambda _: kind))]  # noqa: B023 - used at once
+    return [next(f"rom={kind}" for kind in ROMS if key not in foreign_keys({"rom.model": kind}.get))]
 
 
 def bad_forms(entry: Any) -> list[str]:
