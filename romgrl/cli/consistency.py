@@ -16,7 +16,8 @@ from omegaconf import OmegaConf
 
 from romgrl.cli.config_files import CONF
 from romgrl.cli.locations import is_file, is_readable, outputs_directory, tracking_store
-from romgrl.cli.teacher_ranges import RANGE_CHECKS, ROM_KEYS
+from romgrl.cli.reduced_order_models import ROM_KEYS, reduced_order_model
+from romgrl.cli.teacher_ranges import RANGE_CHECKS
 from romgrl.config.learners import CRITICS, LONG_RUN
 from romgrl.config.schema import Config
 from romgrl.config.values import bad_value, fits, keys_of, refusal, schema_keys, show, suggestion, value_of
@@ -177,19 +178,6 @@ def critic(config: Config) -> Iterator[str]:
     discriminator = config.discriminator
     if discriminator.enabled and discriminator.loss in CRITICS and discriminator.gradient_penalty == 0:
         yield refusal("discriminator.gradient_penalty", 0, f"more than 0 with discriminator.loss={discriminator.loss}")
-
-
-def reduced_order_model(config: Config) -> Iterator[str]:
-    """The reduced-order model can be: it says which of its parameters is at fault.
-
-    MuJoCo, which knows the humanoid's sizes, is not imported: where they are taken from it, the model's own stand here,
-    and the stages, which know them, ask again.
-    """
-    from romgrl.rom.registry import parameters_of, refused_parameters
-
-    mass = config.humanoid.mass if config.humanoid.xml is None else None
-    parameters = parameters_of(config.rom, {"mass": mass})
-    yield from refused_parameters(config.rom.model, parameters, config.humanoid.control_frequency)
 
 
 def humanoid_file(config: Config) -> Iterator[str]:

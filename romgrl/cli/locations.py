@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from urllib.parse import urlsplit
 
-from romgrl.config.addresses import KEPT_FILE, sqlite_path
+from romgrl.config.addresses import KEPT_FILE, keeps_numbers, sqlite_path
 from romgrl.config.schema import Config
 from romgrl.config.values import refusal
 from romgrl.tracking.journal import redacted
@@ -20,19 +20,11 @@ LONGEST_EXPERIMENT = 250  # characters that a database of MLflow's keeps
 
 def outputs_directory(config: Config) -> Iterator[str]:
     """The results go to a directory that is there, or can be made, and can be written."""
-    if config.stage != "verify" and keeps_numbers(config.paths.outputs):
+    if config.stage != "verify" and keeps_numbers(Path(config.paths.outputs)):
         permitted = f"a directory without {KEPT_FILE}, which says that it keeps numbers alone, but for stage=verify"
         yield refusal("paths.outputs", config.paths.outputs, permitted)
     elif not (writable_directory(config.paths.outputs) or has_results(config.paths.outputs)):
         yield refusal("paths.outputs", config.paths.outputs, "a directory that can be written")
-
-
-def keeps_numbers(text: str) -> bool:
-    """Tell whether a directory keeps the numbers of sweeps alone, which no stage can go on from."""
-    try:
-        return (Path(text).expanduser() / KEPT_FILE).is_file()
-    except (OSError, RuntimeError):
-        return False
 
 
 def has_results(text: str) -> bool:

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
+from romgrl.cli.reduced_order_models import ROM_KEYS, composed_parameters
 from romgrl.config.schema import Config
-from romgrl.config.values import refusal, schema_keys, show, value_of
+from romgrl.config.values import refusal, show, value_of
 
 MOTORS = "variable_leg"
 OF_MOTORS = {"teacher.stiffness_share": 1.0, "teacher.stiffness_shares": None, "teacher.leg_motor_cost": 0.0}
-ROM_KEYS = tuple(key for key in schema_keys() if key.startswith(("rom.", "humanoid.")))
 RANGES = {"teacher.speed": "teacher.speeds", "teacher.stiffness_share": "teacher.stiffness_shares"}
 
 
@@ -47,12 +47,12 @@ def trained_ranges(config: Config) -> Iterator[str]:
 
 def stiffest_legs(config: Config) -> Iterator[str]:
     """The stiffest of a range can be integrated, too."""
-    from romgrl.rom.registry import MODELS, parameters_of
+    from romgrl.rom.registry import MODELS
 
     share = max(config.teacher.stiffness_shares or [config.teacher.stiffness_share])
     if config.rom.model != MOTORS or share <= 1:
         return
-    parameters = parameters_of(config.rom, {"mass": config.humanoid.mass if config.humanoid.xml is None else None})
+    parameters = composed_parameters(config)
     stiffest = replace(parameters, stiffness=share * parameters.stiffness)
     if [*MODELS[MOTORS].faults(stiffest, config.humanoid.control_frequency)]:
         key = "teacher.stiffness_share" + ("s" if config.teacher.stiffness_shares else "")

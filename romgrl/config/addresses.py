@@ -8,10 +8,16 @@ from pathlib import Path
 from urllib.parse import quote, unquote, urlsplit
 
 KEPT_FILE = "kept.txt"
-"""In a directory that keeps the numbers of sweeps alone (`romgrl.results.keep`)."""
-
 SQLITE = "sqlite:///"
 READ_AS_IT_IS = re.compile(r"[A-Za-z0-9_/.+@%:-]+")  # by Hydra and by a shell
+
+
+def keeps_numbers(directory: Path) -> bool:
+    """Tell whether a directory keeps the numbers of sweeps alone (`romgrl.results.keep`), from which no stage goes on."""
+    try:
+        return (directory.expanduser() / KEPT_FILE).is_file()
+    except (OSError, RuntimeError):  # a name that is too long, ~ of nobody
+        return False
 
 
 def absolute(text: str) -> str:

@@ -10,7 +10,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 
 from romgrl.artifacts import MANIFEST, Manifest, read_manifest, storage_faults, write_bytes
-from romgrl.config.addresses import KEPT_FILE
+from romgrl.config.addresses import KEPT_FILE, keeps_numbers
 from romgrl.errors import ArtifactError
 from romgrl.results.__main__ import exit_code, path
 from romgrl.results.evaluation_index import Catalogue, artifact_place, catalogue, manifest_of, other_name, trace
@@ -71,7 +71,7 @@ def require_apart(outputs: Path, place: Path) -> None:
     here = place.resolve()
     if here == outputs or here in outputs.parents or outputs in here.parents:
         raise ArtifactError(f"{place}: is not allowed; allowed: a directory that is apart from {outputs}")
-    if not (here / KEPT_FILE).is_file() and any((here / name).exists() for name in ("artifacts", "sweeps")):
+    if not keeps_numbers(here) and any((here / name).exists() for name in ("artifacts", "sweeps")):
         raise ArtifactError(f"{place}: holds results, not kept numbers; name another directory")
 
 

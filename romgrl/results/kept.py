@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from romgrl.artifacts import Manifest, open_artifact
-from romgrl.config.addresses import KEPT_FILE
+from romgrl.config.addresses import keeps_numbers
 
 KEPT_TEXT = """Numbers of sweeps: of each job the manifests of its artifacts and their tables, without policies
 and rollouts. Written by `python -m romgrl.results.keep OUTPUTS DIRECTORY`; `python -m romgrl.results DIRECTORY docs`
@@ -24,8 +24,8 @@ KEPT_TABLES = {
 def open_numbers(directory: Path, *, stage: str) -> Manifest:
     """Verify an artifact, or as much of it as is kept. Raises ArtifactError.
 
-    directory: ROOT/artifacts/STAGE/KEY, where KEPT_FILE in ROOT says that files may be missing but for KEPT_TABLES.
+    directory: ROOT/artifacts/STAGE/KEY, where `keeps_numbers(ROOT)` says that files may be missing but for KEPT_TABLES.
     """
-    if not (directory.parents[2] / KEPT_FILE).is_file():
+    if not keeps_numbers(directory.parents[2]):
         return open_artifact(directory, stage=stage)
     return open_artifact(directory, stage=stage, needed=KEPT_TABLES[stage])

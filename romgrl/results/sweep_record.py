@@ -31,7 +31,6 @@ SWEEP_KINDS = {
     "trials": int,
 }
 HOW = ("hydra", "paths", "tracking", "threads", "device", "parallel_stages", "checkpoint_seconds", "stage", "objective")
-
 PRIVATE = ("paths", "tracking")  # what of a command is about one machine
 
 

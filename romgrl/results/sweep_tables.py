@@ -134,11 +134,11 @@ def seeds_line(found: list[JobResult]) -> list[str]:
 
 def failures(found: list[JobResult]) -> list[str]:
     """A line for each job that has no numbers, and one for all that did not end."""
-    names = {
-        id(each): " ".join(f"{key}={value}" for key, value in each.swept.items()) or "job"
+    named = [
+        (" ".join(f"{key}={value}" for key, value in each.swept.items()) or "job", each.error)
         for each in found
         if each.error is not None
-    }
-    lines = [f"- {names[id(each)]}: {each.error}" for each in found if each.error not in (None, UNFINISHED)]
-    missing = [names[id(each)] for each in found if each.error == UNFINISHED]
-    return lines + [f"- {UNFINISHED}: {', '.join(missing)}"] * bool(missing)
+    ]
+    missing = [name for name, error in named if error == UNFINISHED]
+    lines = [f"- {name}: {error}" for name, error in named if error != UNFINISHED]
+    return [*lines, f"- {UNFINISHED}: {', '.join(missing)}"] if missing else lines

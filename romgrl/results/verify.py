@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
-from romgrl.config.addresses import KEPT_FILE
+from romgrl.config.addresses import keeps_numbers
 from romgrl.config.schema import Config
 from romgrl.errors import ArtifactError
 from romgrl.gait.features import ALIGNMENTS, CHANNELS
@@ -33,7 +33,7 @@ def verify(config: Config, command: Sequence[str]) -> list[str | Sheet]:
     outputs = Path(config.paths.outputs)
     selection = select(outputs, config)
     one_seed = is_pretrained("student", config)  # what ships
-    dropped = {"stage", "seed", *(["paths.outputs"] if (outputs / KEPT_FILE).is_file() else [])}
+    dropped = {"stage", "seed", *(["paths.outputs"] if keeps_numbers(outputs) else [])}
     rest = [text for text in command if text.partition("=")[0] not in dropped]
     making = shlex.join(["python", "-m", "romgrl", *([] if one_seed else seeds_wanted(selection.seeds)), *rest])
     if not selection.used:
