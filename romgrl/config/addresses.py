@@ -13,7 +13,7 @@ READ_AS_IT_IS = re.compile(r"[A-Za-z0-9_/.+@%:-]+")  # by Hydra and by a shell
 
 
 def keeps_numbers(directory: Path) -> bool:
-    """Tell whether a directory keeps the numbers of sweeps alone (`romgrl.results.keep`), from which no stage goes on."""
+    """Tell whether a directory keeps the numbers of sweeps alone (`romgrl.results.keep`); no stage goes on from it."""
     try:
         return (directory.expanduser() / KEPT_FILE).is_file()
     except (OSError, RuntimeError):  # a name that is too long, ~ of nobody

@@ -46,7 +46,7 @@ def keep(outputs: Path, place: Path) -> int:
     if not found:
         raise ArtifactError(f"{outputs}: holds no sweep")
     known = catalogue(outputs)
-    made = {way for sweep in found for end in finished(sweep) for way in ways(end, outputs, known)}
+    made = {each for sweep in found for end in finished(sweep) for each in artifacts_behind(end, outputs, known)}
     names: dict[Path, Path] = {}
     files: dict[Path, bytes] = {}
     for directory in sorted(made):
@@ -88,7 +88,7 @@ def finished(sweep: Sweep) -> list[JobEnd]:
     return [end for end in sweep.ends if end.error is None]
 
 
-def ways(end: JobEnd, outputs: Path, known: Catalogue) -> Iterator[Path]:
+def artifacts_behind(end: JobEnd, outputs: Path, known: Catalogue) -> Iterator[Path]:
     """Where the artifacts of a job are, and all that these were made from. Raises ArtifactError for what is missing."""
     for place in end.artifacts.values():
         if Path(place).parent.name not in KEPT_TABLES:
