@@ -88,12 +88,12 @@ bool is_state(const double* state) {
            std::all_of(own + 5, own + kEpisodeState, whole) && std::max(own[7], own[8]) < 4294967296.0;
 }
 
-// The cost of the motors' work is per body weight and sqrt(g L0).
-double reward(const Parameters& p, double speed, double velocity, double leg_motor_power) {
+// The cost of the actuators' work is per body weight and sqrt(g L0).
+double reward(const Parameters& p, double speed, double velocity, double positive_power) {
     const double held = p.reward_is_velocity ? velocity : std::exp(-p.alpha * std::fabs(velocity - speed));
-    if (p.leg_motor_cost == 0.0) return held;
+    if (p.work_cost == 0.0) return held;
     const double gravity = p.gravity > 0.0 ? p.gravity : 1.0;
-    return held - p.leg_motor_cost * leg_motor_power / (p.mass * gravity * std::sqrt(gravity * p.leg_length));
+    return held - p.work_cost * positive_power / (p.mass * gravity * std::sqrt(gravity * p.leg_length));
 }
 
 bool fallen(const Parameters& p, double y, double pitch) {

@@ -27,7 +27,7 @@ struct Episode {
 };
 
 bool is_state(const double* state);  // kState numbers: of the walker, then of the episode
-double reward(const Parameters& parameters, double speed, double velocity, double leg_motor_power);  // positive power, W
+double reward(const Parameters& parameters, double speed, double velocity, double positive_power);  // of all actuators, W
 inline int action_size(const Parameters& parameters) { return parameters.leg_motor ? kMostActions : kLegs; }
 bool fallen(const Parameters& parameters, double y, double pitch);
 

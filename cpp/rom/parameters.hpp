@@ -54,7 +54,7 @@ constexpr double kUnlimited = std::numeric_limits<double>::infinity();
     ROW(double, control_frequency, 30.0, 1.0, 10000.0)               \
     ROW(int, episode_steps, 400, 1, 1e9)                             \
     ROW(double, alpha, 1.0, 1e-9, 1e6)                               \
-    ROW(double, leg_motor_cost, 0.0, 0.0, 1e3)                           \
+    ROW(double, work_cost, 0.0, 0.0, 1e3)                            \
     ROW(bool, reward_is_velocity, false, 0.0, 1.0)                   \
     ROW(bool, observation_is_paper, false, 0.0, 1.0)                 \
     ROW(bool, engine_is_native, false, 0.0, 1.0)

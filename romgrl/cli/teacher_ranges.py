@@ -10,7 +10,8 @@ from romgrl.config.schema import Config
 from romgrl.config.values import refusal, show, value_of
 
 MOTORS = "variable_leg"
-OF_MOTORS = {"teacher.stiffness_share": 1.0, "teacher.stiffness_shares": None, "teacher.leg_motor_cost": 0.0}
+OF_MOTORS = {"teacher.stiffness_share": 1.0, "teacher.stiffness_shares": None}
+OF_COMMANDS = {"teacher.speeds": None, "teacher.work_cost": 0.0}
 RANGES = {"teacher.speed": "teacher.speeds", "teacher.stiffness_share": "teacher.stiffness_shares"}
 
 
@@ -30,12 +31,15 @@ def commands_within_range(config: Config) -> Iterator[str]:
         yield refusal("teacher.command_steps", teacher.command_steps, permitted)
 
 
-def of_motors(config: Config) -> Iterator[str]:
-    """A policy follows the stiffness that it sees, and pays for motors that there are."""
-    for key, usual in OF_MOTORS.items():
-        value = value_of(config, key)
-        if config.rom.model != MOTORS and value != usual:
-            yield refusal(key, value, f"{show(usual)} without rom.model={MOTORS}")
+def of_model(config: Config) -> Iterator[str]:
+    """Not all worlds are asked for another speed each episode, or tell what their work costs, or have motors."""
+    from romgrl.rom.registry import MODELS
+
+    model = config.rom.model
+    lacks = ({} if model == MOTORS else OF_MOTORS) | ({} if MODELS[model].commands else OF_COMMANDS)
+    for key, usual in lacks.items():
+        if value_of(config, key) != usual:
+            yield refusal(key, value_of(config, key), f"{show(usual)} with rom.model={model}")
 
 
 def trained_ranges(config: Config) -> Iterator[str]:
@@ -63,7 +67,7 @@ def stiffest_legs(config: Config) -> Iterator[str]:
 RANGE_CHECKS = (
     (("teacher.speed", "teacher.speeds", "teacher.stiffness_share", "teacher.stiffness_shares"), asked_within_range),
     (("teacher.command_steps", "teacher.speeds", "teacher.stiffness_shares"), commands_within_range),
-    (("rom.model", *OF_MOTORS), of_motors),
+    (("rom.model", *OF_MOTORS, *OF_COMMANDS), of_model),
     (("teacher.pretrained", *RANGES.values()), trained_ranges),
     ((*ROM_KEYS, "teacher.stiffness_share", "teacher.stiffness_shares"), stiffest_legs),
 )

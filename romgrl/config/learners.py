@@ -41,8 +41,8 @@ class Teacher:
         high=10**9,
         before=0,
     )
-    leg_motor_cost: float = key(
-        "what the reward loses by positive power of the legs' motors of body weight times sqrt(g leg_length)",
+    work_cost: float = key(
+        "what the reward loses by positive power of all actuators of body weight times sqrt(g leg_length)",
         low=0,
         high=1000,
         before=0.0,

@@ -11,14 +11,15 @@ from romgrl.errors import ArtifactError
 from romgrl.gait.distances import FLOOR
 from romgrl.gait.features import ALIGNMENTS, ALL, CHANNELS
 from romgrl.gait.null_models import AVERAGE, MEAN_ERROR, OVER_VARIANCE, REDUCTIONS
-from romgrl.report.numbers import fixed
+from romgrl.report.numbers import UNKNOWN, fixed
 from romgrl.report.style import CHANNEL_LABELS
 from romgrl.report.tables import DISTANCE_LABELS, markdown
 from romgrl.results.against_student import FAIR, by_walker, walkers_table, with_student, worth_of_imitation
 from romgrl.results.results_document import CLAIMED, merged
 from romgrl.results.seed_groups import CHOSEN, HELD_OUT, group_of
-from romgrl.results.sweep_cells import JobResult, results
+from romgrl.results.sweep_cells import SEED_KEY, JobResult, by_cell, headline_jobs, note, number_row, results
 from romgrl.results.sweep_record import sweeps
+from romgrl.results.sweep_tables import TABLE_COLUMNS, written
 from romgrl.results.text_table import BRACKETS
 
 FAIR_COLUMNS = (
@@ -34,6 +35,14 @@ FAIR_SAID = (
     "sided, that the student's error is smaller, of the channel in which that is least sure; uncorrected, "
     "docs/results.md has Holm's, and the seeds without an error"
 )
+OWN_BASELINES = ("paper_settings", "paper_discriminator", "humenv")  # sweeps of one walker each, by their names in sweeps/
+OTHER_NUMBERS = (
+    "student/error_over_variance",
+    "student/falls_percent",
+    "student/steady_speed_m_per_s",
+    "student/stride_frequency_deviation_percent",
+)
+OTHER_SAID = f"Other settings than the defaults, each a stored sweep with baselines of its own; {BRACKETS}:"
 START, END = "<!-- results -->", "<!-- end of results -->"
 GAIT = {
     "falls_percent": ("episodes of 33 s with a fall [%]", 1),
@@ -81,7 +90,7 @@ def readme_text(outputs: Path, document: Path) -> str:
         raise ArtifactError(f"{document}: is no text in UTF-8") from error
     if END not in rest:
         raise ArtifactError(f"{document}: has no markers {START} and {END}")
-    text = "\n".join([markdown(runs_table(jobs)), *fair_table(outputs)])
+    text = "\n".join([markdown(runs_table(jobs)), *fair_table(outputs), *others_table(outputs)])
     return f"{before}{START}\n\n{text}\n{END}{rest.partition(END)[2]}"
 
 
@@ -96,6 +105,22 @@ def fair_table(outputs: Path) -> list[str]:
                 title = f"{FAIR_SAID}; {other}:" if other else f"{FAIR_SAID}:"
                 text += [title, "", markdown(table[shown]), *worth_of_imitation(walkers)]
     return text
+
+
+def others_table(outputs: Path) -> list[str]:
+    """What students of other settings came to, a row per cell of the sweeps of OWN_BASELINES; nothing without any."""
+    rows = []
+    for sweep in merged(sweeps(outputs)):
+        found = results(sweep, outputs) if sweep.name in OWN_BASELINES else []
+        for cell in by_cell(headline_jobs(found)):
+            varied = (f"{key}={value}" for key, value in cell[0].swept.items() if key != SEED_KEY)
+            row = {"settings": ", ".join([sweep.name, *varied])}
+            row["seeds"] = ", ".join(sorted(str(each.seed) for each in cell))
+            for name in OTHER_NUMBERS:
+                numbers = number_row(cell, name, "")
+                row[TABLE_COLUMNS[name]] = written(numbers) if numbers else UNKNOWN
+            rows.append(row | {"note": note(cell)})
+    return [OTHER_SAID, "", markdown(pd.DataFrame(rows))] if rows else []
 
 
 def runs_table(jobs: Sequence[JobResult]) -> pd.DataFrame:

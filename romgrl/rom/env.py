@@ -31,7 +31,7 @@ class SpringLegEnv(gymnasium.Env[Array, Array]):
         episode_steps: int = 400,
         reward: Reward = "exponential",
         alpha: float = 1.0,
-        leg_motor_cost: float = 0.0,
+        work_cost: float = 0.0,
         render_mode: str | None = None,
     ) -> None:
         self._worlds = self.worlds(
@@ -42,7 +42,7 @@ class SpringLegEnv(gymnasium.Env[Array, Array]):
             episode_steps=episode_steps,
             reward=reward,
             alpha=alpha,
-            leg_motor_cost=leg_motor_cost,
+            work_cost=work_cost,
             render_mode=render_mode,
         )
         self.render_mode = render_mode

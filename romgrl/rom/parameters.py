@@ -102,11 +102,11 @@ def core_parameters(
     episode_steps: int,
     reward: Reward,
     alpha: float,
-    leg_motor_cost: float = 0.0,
+    work_cost: float = 0.0,
 ) -> _core.Parameters:
     """The C++ core's parameters of one task. Raises ValueError for a value of the wrong type or choice.
 
-    speed: one for all worlds, m/s, or commands; leg_motor_cost: of the positive power of leg motors, per body weight
+    speed: one for all worlds, m/s, or commands; work_cost: of the positive power of all actuators, per body weight
     and sqrt(g L0).
     """
     if not isinstance(parameters, SpringLegParameters):
@@ -128,7 +128,7 @@ def core_parameters(
         values["trunk_moment_limit"] = math.inf
     commands = speed if isinstance(speed, Commands) else Commands((speed, speed))
     values |= {**span("speed", commands.speed), **span("stiffness_share", commands.stiffness_share)}
-    values |= {"command_steps": commands.hold_steps, "leg_motor_cost": leg_motor_cost}
+    values |= {"command_steps": commands.hold_steps, "work_cost": work_cost}
     values |= {"leg_motor": isinstance(parameters, VariableLegParameters)}
     values |= {"control_frequency": control_frequency, "episode_steps": episode_steps, "alpha": alpha}
     values |= {"reward_is_velocity": reward == "forward_velocity"}

@@ -17,8 +17,8 @@ class ReducedOrderModel:
     """One kind of reduced-order model.
 
     parameters: their dataclass, named as the keys of `rom`. worlds: makes the vector environment of `parameters`,
-    num_envs, speed (a number, or `Commands` where ranges are asked for), control_frequency, episode_steps, reward,
-    alpha and num_threads; where legs have motors leg_motor_cost. faults: yields the name of each of the parameters
+    num_envs, speed, control_frequency, episode_steps, reward, alpha and num_threads. commands: they take `Commands` for
+    the speed, too, and work_cost. faults: yields the name of each of the parameters
     that cannot be at a control frequency, Hz, and what could. draw: picture (360, 640, 3) of features (5,),
     contact (2,), place x in m and parameters, in which the ground lies `ground` of the height below the top.
     """
@@ -28,14 +28,15 @@ class ReducedOrderModel:
     faults: Callable[[Any, float], Iterator[tuple[str, str]]]
     draw: Callable[..., Any]
     ground: float = drawing.GROUND
+    commands: bool = False
 
 
 MODELS: dict[str, ReducedOrderModel] = {
     "spring_leg": ReducedOrderModel(
-        parameters.SpringLegParameters, SpringLegVectorEnv, parameters.unfit_parameters, drawing.draw
+        parameters.SpringLegParameters, SpringLegVectorEnv, parameters.unfit_parameters, drawing.draw, commands=True
     ),
     "variable_leg": ReducedOrderModel(
-        parameters.VariableLegParameters, VariableLegVectorEnv, parameters.unfit_parameters, drawing.draw
+        parameters.VariableLegParameters, VariableLegVectorEnv, parameters.unfit_parameters, drawing.draw, commands=True
     ),
 }
 

@@ -79,7 +79,7 @@ class SpringLegVectorEnv(VectorEnv[Array, Array, Array]):
         episode_steps: int = 400,
         reward: Reward = "exponential",
         alpha: float = 1.0,
-        leg_motor_cost: float = 0.0,
+        work_cost: float = 0.0,
         num_threads: int = 1,
         render_mode: str | None = None,
     ) -> None:
@@ -93,7 +93,7 @@ class SpringLegVectorEnv(VectorEnv[Array, Array, Array]):
             episode_steps=episode_steps,
             reward=reward,
             alpha=alpha,
-            leg_motor_cost=leg_motor_cost,
+            work_cost=work_cost,
         )
         self._batch = _core.Batch(core, num_envs, num_threads)
         self.num_envs = num_envs

@@ -247,7 +247,6 @@ MISFITS = (
     ("teacher.speed", "teacher.speeds=[1,3]"),
     ("teacher.stiffness_share", "rom=variable_leg teacher.stiffness_shares=[0.5,0.9]"),
     ("teacher.stiffness_shares", "teacher.stiffness_shares=[0.7,1.4]"),
-    ("teacher.leg_motor_cost", "teacher.leg_motor_cost=0.1"),
     ("teacher.stiffness_share", "teacher.stiffness_share=0.8"),
     ("teacher.stiffness_shares", "rom=variable_leg rom.stiffness=100000 teacher.stiffness_shares=[1,10]"),
     ("teacher.speeds", "teacher=pretrained teacher.speeds=[2,5]"),

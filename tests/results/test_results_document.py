@@ -132,6 +132,13 @@ def test_the_readme_has_what_stands_in_the_students_place(default_config: Config
     for walker in ("student", "same_choice", "baseline"):
         assert f"| {walker} | 5, 6 |" in text
     assert "What the imitation alone is worth: " in text
+    assert "Other settings" not in text
+    stored(outputs, default_config, "aaa", "paper_discriminator", {"noise": ["0.1", "0.2"], "seed": ["5", "6"]})
+    assert main([str(outputs), str(tmp_path / "docs"), str(readme)]) == 0
+    shown = [line for line in readme.read_text(encoding="utf-8").splitlines() if "paper_discriminator" in line]
+    begun = [f"| paper_discriminator, noise={noise} | 5, 6 | " for noise in ("0.1", "0.2")]
+    assert [row[: len(start)] for row, start in zip(shown, begun, strict=True)] == begun
+    assert all(row.endswith(" | 4 (4 to 4) | 0 (0 to 0) | too few seeds |") for row in shown)
 
 
 def test_a_second_writing_replaces_the_first(default_config: Config, tmp_path: Path) -> None:

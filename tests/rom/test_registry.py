@@ -114,6 +114,10 @@ def test_another_model_has_its_own_keys(pedal: tuple[str, ...]) -> None:
     short = compose_config(*pedal, "rom.crank=0.4", "humanoid.height=1.4")  # whose leg it is where that is null
     with pytest.raises(ConfigurationError, match=re.escape(line.format(0.4))):
         rom_env(short, num_envs=1, episode_steps=1)
+    for value, usual in (("speeds=[1,5]", "null"), ("work_cost=0.1", "0.0"), ("stiffness_share=0.9", "1.0")):
+        (line,) = misfits(compose_config(*pedal, f"teacher.{value}"))
+        assert line.startswith(f"teacher.{value.partition('=')[0]}: ")
+        assert line.endswith(f"allowed: {usual} with rom.model=pedal")
 
 
 @pytest.mark.parametrize(

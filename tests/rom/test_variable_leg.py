@@ -235,13 +235,14 @@ def test_commands_are_drawn_for_each_episode_and_while_it_lasts() -> None:
     np.testing.assert_array_equal(first, worlds["observation"])
 
 
-def test_the_work_of_the_motors_can_cost() -> None:
-    """Per body weight and sqrt(g L0)."""
-    free, paid = (Worlds(core_parameters(leg_motor_cost=cost, **MOTOR)) for cost in (0.0, 0.5))
+@each_engine
+def test_the_work_of_all_actuators_can_cost() -> None:
+    """Per body weight and sqrt(g L0); of the hips, too."""
+    free, paid = (Worlds(core_parameters(work_cost=cost, **MOTOR)) for cost in (0.0, 0.5))
     for worlds in (free, paid):
-        worlds.step(drives(1.0, 1.0))
-    cost = 0.5 * paid["positive_leg_motor_power"][0] / (MASS * GRAVITY * np.sqrt(GRAVITY * LENGTH))
-    assert paid["positive_leg_motor_power"][0] > 10.0
+        worlds.step(drives(1.0, 1.0, hips=1.0))
+    cost = 0.5 * paid["positive_power"][0] / (MASS * GRAVITY * np.sqrt(GRAVITY * LENGTH))
+    assert paid["positive_power"][0] > paid["positive_leg_motor_power"][0] > 10.0
     assert free["reward"][0] - paid["reward"][0] == pytest.approx(float(cost), rel=1e-4)
 
 

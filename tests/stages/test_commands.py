@@ -79,7 +79,7 @@ def test_a_short_training_writes_a_row_for_each(
     for name, value in {"CHECK_EPISODES": 2, "STEPS": 30, "STEADY": 30}.items():
         monkeypatch.setattr(teacher, name, value)
     small = ("teacher.total_steps=2048", "teacher.rollout_steps=16", "teacher.check_steps=1024")
-    config = compose_config(*RANGES, *small, "teacher.leg_motor_cost=0.1")
+    config = compose_config(*RANGES, *small, "teacher.work_cost=0.1")
     teacher.run(config, {}, tmp_path, SilentLog())
     rows = pd.read_csv(tmp_path / "gait.csv")
     assert rows.walker.tolist() == [name_of_task(task) for task in checked_tasks(config)]

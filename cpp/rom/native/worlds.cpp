@@ -149,10 +149,10 @@ bool NativeWorlds::finish(int world, const Group& before, bool diverged, const S
     const int n = world % kLanes;
     const double start = before.origin[n] + before.trunk.x[n];
     const double velocity = (g.origin[n] + g.trunk.x[n] - start) * parameters_.control_frequency;
-    const double leg_motor_power = arrays.positive_leg_motor_power[world];
+    const double power = arrays.positive_power[world];
     const bool terminated = diverged || fallen(parameters_, g.trunk.y[n], -g.angle[n]);
     arrays.forward_velocity[world] = static_cast<float>(velocity);
-    arrays.reward[world] = diverged ? 0.0F : static_cast<float>(reward(parameters_, episodes_[world].speed, velocity, leg_motor_power));
+    arrays.reward[world] = diverged ? 0.0F : static_cast<float>(reward(parameters_, episodes_[world].speed, velocity, power));
     arrays.diverged[world] = diverged;
     arrays.terminated[world] = terminated;
     arrays.truncated[world] = !terminated && episodes_[world].steps >= parameters_.episode_steps;

@@ -18,7 +18,7 @@ def rom_env(config: Config, *, num_envs: int, episode_steps: int, training: bool
     training: worlds are asked for what ranges over them while a teacher learns, not for what is asked of it later.
     """
     teacher = config.teacher
-    motors = {"leg_motor_cost": teacher.leg_motor_cost} if teacher.leg_motor_cost else {}  # which not every model has
+    cost = {"work_cost": teacher.work_cost} if teacher.work_cost else {}  # which not every model has
     return MODELS[config.rom.model].worlds(
         parameters=rom_parameters(config),
         num_envs=num_envs,
@@ -28,7 +28,7 @@ def rom_env(config: Config, *, num_envs: int, episode_steps: int, training: bool
         reward=teacher.reward,
         alpha=teacher.alpha,
         num_threads=config.threads,
-        **motors,
+        **cost,
     )
 
 
