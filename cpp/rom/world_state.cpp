@@ -10,7 +10,7 @@ namespace {
 
 constexpr double kLargestNumber = 1e3;  // m, m/s, rad, rad/s
 constexpr double kFarthest = 16.0;  // m from the origin, within Box2D's ground
-constexpr double kLongestWay = 1e9;  // m; in float64 a step is still told from the next one
+constexpr double kLongestWay = 1e9;  // m, s; in float64 a step is still told from the next one
 
 bool is_body(const double* state) {
     const auto small = [](double value) { return std::fabs(value) < kLargestNumber; };
@@ -28,7 +28,8 @@ bool is_walker_state(const double* state) {
     return is_body(state) && is_body(state + 6) && is_body(state + 12) &&
            std::all_of(state + 18, state + kWalkerState, finite) && (state[18] == 0.0 || state[18] == 1.0) &&
            std::fabs(state[19]) < kLongestWay && std::fabs(state[20]) < kLongestWay && std::fabs(state[21]) <= 1.0 &&
-           state[22] > 0.0 && state[22] < kLargestNumber && is_leg(state + kMotion) && is_leg(state + kMotion + kLegMotion);
+           state[22] > 0.0 && state[22] < kLargestNumber && state[23] >= 0.0 && state[23] < kLongestWay &&
+           is_leg(state + kMotion) && is_leg(state + kMotion + kLegMotion);
 }
 
 // The two legs are solved one after the other. Which leg comes first follows from the pose and not from its name, so

@@ -4,9 +4,9 @@
 //  6..11  foot of slot 0, likewise;  12..17  foot of slot 1
 // 18      slot of the left leg: which leg is solved first
 // 19      x of the origin in the world;  20  x of the trunk at the last touchdown;  21  its side: 1 left, -1 right, 0 none
-// 22      share of the stiffness
-// 23..29  left leg: motor torque, shortening of the rest length, angle at touchdown, 1 if airborne; extension of the rest
-//         length, its rate, drive of the leg's motor;  30..36  right leg
+// 22      share of the stiffness;  23  time since the last touchdown, or since the reset
+// 24..30  left leg: motor torque, shortening of the rest length, angle at touchdown, 1 if airborne; extension of the rest
+//         length, its rate, drive of the leg's motor;  31..37  right leg
 #pragma once
 
 #include <array>
@@ -16,7 +16,7 @@
 namespace romgrl {
 
 constexpr int kLegs = 2;
-constexpr int kMotion = 23, kLegMotion = 7;  // first number of the left leg, and how many a leg has
+constexpr int kMotion = 24, kLegMotion = 7;  // first number of the left leg, and how many a leg has
 constexpr int kWalkerState = kMotion + kLegs * kLegMotion;
 
 // Where to put a world: SI units, the order of the legs is left, right.

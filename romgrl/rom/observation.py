@@ -37,8 +37,9 @@ MOTOR_OBSERVATION_NAMES = (
     "left_previous_drive",
     "right_previous_drive",
     "stiffness_share",
+    "time_since_touchdown",
 )
-"""With a motor in each leg: by how much the rest length is above L0, its rate, the last action."""
+"""With a motor in each leg: by how much the rest length is above L0, its rate, the last action; times in sqrt(L0 / g)."""
 PAPER_COLUMNS: tuple[int, ...] = (0, 1, 2, 3, 6, 7, 8, 9, 10, 11, 12, 13, 18)
 
 

@@ -236,6 +236,29 @@ def test_commands_are_drawn_for_each_episode_and_while_it_lasts() -> None:
 
 
 @each_engine
+def test_the_time_since_the_last_touchdown() -> None:
+    """It grows by a control step's, or begins within it, where the side of the touchdown changes."""
+    worlds = Worlds(core_parameters(**MOTOR | {"reset_hip_angle_low": 0.3}), 64)
+    worlds.batch.seed(1)
+    worlds.batch.reset()
+    worlds.step()
+    unit, dt, ages, touchdowns = np.sqrt(LENGTH / GRAVITY), 1.0 / 30.0, 0, 0
+    for _ in range(30):
+        age, side = worlds["observation"][:, 27] * unit, worlds["observation"][:, 19].copy()
+        worlds.step(np.zeros((64, 4), np.float32))
+        seen = worlds["final_observation"]
+        changed = seen[:, 19] != side
+        grown = np.isclose(seen[:, 27] * unit, age + dt, atol=1e-6)
+        begun = seen[:, 27] * unit < dt
+        assert np.all(begun[changed])
+        assert np.all(grown[~changed] | begun[~changed])
+        ages += int(grown.sum())
+        touchdowns += int(changed.sum())
+    assert touchdowns > 30
+    assert ages > 300
+
+
+@each_engine
 def test_the_work_of_all_actuators_can_cost() -> None:
     """Per body weight and sqrt(g L0); of the hips, too."""
     free, paid = (Worlds(core_parameters(work_cost=cost, **MOTOR)) for cost in (0.0, 0.5))

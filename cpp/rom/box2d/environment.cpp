@@ -85,6 +85,7 @@ void Environment::observe_full(float* o) const {
         put(24 + i, episode_.previous_action[kLegs + i]);
     }
     put(26, walker_.stiffness_share());
+    put(27, walker_.touchdown_age() * rate);
 }
 
 void Environment::observe(float* observation) const {

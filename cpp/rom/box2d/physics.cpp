@@ -173,6 +173,7 @@ bool Walker::substep(const std::array<double, kLegs>& asked, const std::array<do
         motion_[i].torque += lag_gain_ * (asked[i] - motion_[i].torque);
     }
     if (touchdown == 3) touchdown = view[0].angle > view[1].angle ? 1 : 2;  // both at once: the one in front
+    touchdown_age_ = touchdown == 0 ? touchdown_age_ + dt_ : 0.0;
     if (touchdown != 0) {
         last_touchdown_side_ = touchdown == 1 ? 1 : -1;
         last_touchdown_x_ = x();

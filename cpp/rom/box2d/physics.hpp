@@ -50,6 +50,7 @@ class Walker {
     double stiffness_share() const { return stiffness_share_; }
     void set_stiffness_share(double share) { stiffness_share_ = share; }
     double last_touchdown_x() const { return last_touchdown_x_; }
+    double touchdown_age() const { return touchdown_age_; }  // s since the last touchdown
     int last_touchdown_side() const { return last_touchdown_side_; }  // 1 left, -1 right, 0 none
 
     void save(double* state) const;
@@ -91,7 +92,7 @@ class Walker {
     std::array<double, kLegs> ground_force_{}, hip_torque_{};
     Work work_;
     double origin_ = 0.0;  // world x of Box2D's origin
-    double last_touchdown_x_ = 0.0;
+    double last_touchdown_x_ = 0.0, touchdown_age_ = 0.0;
     int last_touchdown_side_ = 0;
 };
 

@@ -38,6 +38,7 @@ void Walker::save(double* state) const {
     state[20] = last_touchdown_x_;
     state[21] = last_touchdown_side_;
     state[22] = stiffness_share_;
+    state[23] = touchdown_age_;
     for (int i = 0; i < kLegs; ++i) {
         double* motion = state + kMotion + kLegMotion * i;
         motion[0] = motion_[i].torque;
@@ -59,6 +60,7 @@ void Walker::restore(const double* state) {
     last_touchdown_x_ = state[20];
     last_touchdown_side_ = static_cast<int>(state[21]);
     stiffness_share_ = state[22];
+    touchdown_age_ = state[23];
     for (int i = 0; i < kLegs; ++i) {
         const double* motion = state + kMotion + kLegMotion * i;
         motion_[i] = Motion{motion[0], motion[1], motion[2], motion[3] != 0.0, motion[4], motion[5], motion[6]};

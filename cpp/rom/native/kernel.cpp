@@ -163,9 +163,10 @@ ROMGRL_INLINE void update_velocities(const NativeConstants& c, const Actuation& 
     // 1: a touched down, -1: b did; both at once: the one in front.
     const double which = a_down - b_down + a_down * b_down * (a.angle > b.angle ? 1.0 : -1.0);
     const double side = which * (1.0 - 2.0 * g.left_slot[n]), at_x = g.origin[n] + g.trunk.x[n];
-    const double old_side = g.touchdown_side[n], old_x = g.touchdown_x[n];
+    const double old_side = g.touchdown_side[n], old_x = g.touchdown_x[n], age = g.touchdown_age[n] + c.dt;
     g.touchdown_side[n] = which * which > 0.0 ? side : old_side;
     g.touchdown_x[n] = which * which > 0.0 ? at_x : old_x;
+    g.touchdown_age[n] = which * which > 0.0 ? 0.0 : age;
 
     p.torque[n] += c.lag_gain * (asked.torque[0][n] - p.torque[n]);
     q.torque[n] += c.lag_gain * (asked.torque[1][n] - q.torque[n]);

@@ -38,7 +38,7 @@ struct LegLanes {
 struct Group {
     Body trunk;
     Lanes angle, rate;  // of the trunk, counter-clockwise
-    Lanes origin, touchdown_x, touchdown_side, left_slot;
+    Lanes origin, touchdown_x, touchdown_side, touchdown_age, left_slot;  // touchdown_age: s since the last one
     Lanes stiffness_share;
     LegLanes leg[kLegs];
 };

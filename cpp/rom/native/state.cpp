@@ -71,6 +71,7 @@ void put_lane(const double* state, bool pinned, int n, Group& g) {
     g.touchdown_x[n] = state[20];
     g.touchdown_side[n] = state[21];
     g.stiffness_share[n] = state[22];
+    g.touchdown_age[n] = state[23];
     for (int i = 0; i < kLegs; ++i) {
         put_body(g.leg[i].foot, state + 6 + 6 * i, false);
         LegLanes& leg = g.leg[slot_of(g, n, i)];
@@ -97,6 +98,7 @@ void get_lane(const Group& g, int n, double* state) {
     state[20] = g.touchdown_x[n];
     state[21] = g.touchdown_side[n];
     state[22] = g.stiffness_share[n];
+    state[23] = g.touchdown_age[n];
     for (int i = 0; i < kLegs; ++i) {
         get_body(g.leg[i].foot, 0.0, 0.0, state + 6 + 6 * i);
         const LegLanes& leg = g.leg[slot_of(g, n, i)];

@@ -204,6 +204,7 @@ void NativeWorlds::write(int world, const View& view, float* observation, float*
         put(24 + i, episodes_[world].previous_action[kLegs + i]);
     }
     put(26, g.stiffness_share[n]);
+    put(27, g.touchdown_age[n] * rate);
     write_observation(parameters_, o, observation + size_ * world);
 }
 
