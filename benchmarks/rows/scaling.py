@@ -12,6 +12,7 @@ from typing import Any
 from benchmarks.measure import Options, Result
 from benchmarks.rows import humanoid, rom, teacher
 from benchmarks.setup import PLAIN_SAC, Student, configuration, in_student_stage
+from romgrl.config.teachers import ppo_keys
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 
 COUNTS = (1, 4, 16, 64, 256, 1024, 4096)
@@ -84,7 +85,7 @@ def threads(options: Options) -> Result:
     counts = sorted({1, 2, *(2**power for power in range(2, 8) if 2**power <= (os.cpu_count() or 1))})
     for count in counts:
         config = configuration(f"teacher.total_steps={options.scaled(TEACHER_STEPS)}", threads=count)
-        took = statistics.median(config.teacher.total_steps / teacher.training_rate(config) for _ in range(3))
+        took = statistics.median(ppo_keys(config.teacher).total_steps / teacher.training_rate(config) for _ in range(3))
         steps = options.scaled(STUDENT_STEPS)
 
         def measure(student: Student, steps: int = steps) -> float:

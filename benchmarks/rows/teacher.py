@@ -13,6 +13,7 @@ from benchmarks.measure import Options, Result, compare
 from benchmarks.peers import started
 from benchmarks.setup import configuration
 from romgrl.config.schema import Config
+from romgrl.config.teachers import ppo_keys
 from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import teacher
 from romgrl.stages.wiring.rom import rom_env
@@ -52,7 +53,8 @@ def comparable(options: Options, *overrides: str) -> Config:
     """The default teacher without mirrored batches, which the peers do not have, and as many rollouts as are timed."""
     config = configuration("teacher.mirror=false", "teacher.check_steps=0", *overrides, threads=options.threads)
     rollouts = 1 + max(3, options.scaled(ROLLOUTS))
-    config.teacher.total_steps = rollouts * config.teacher.num_envs * config.teacher.rollout_steps
+    keys = ppo_keys(config.teacher)
+    keys.total_steps = rollouts * keys.num_envs * keys.rollout_steps
     return config
 
 
@@ -62,7 +64,7 @@ def beside_peer(options: Options, script: str, target: str, repeats: int, **more
     same = {name: getattr(config.teacher, name) for name in KEYS}
     same["hidden_sizes"] = list(same["hidden_sizes"])
     world = vars(rom_env(config, num_envs=1, episode_steps=1).parameters)
-    steps = config.teacher.total_steps
+    steps = ppo_keys(config.teacher).total_steps
     with started("rl", script, threads=options.threads, parameters=world, steps=steps, **same, **more) as peer:
         return compare(
             lambda: training_rate(config),

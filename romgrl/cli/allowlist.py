@@ -36,7 +36,7 @@ from romgrl.cli.hydra_internals import (
 from romgrl.cli.typed_text import quote_stored_sweep, quoted
 from romgrl.cli.whole_paths import make_whole
 from romgrl.config.schema import PRESETS, Config
-from romgrl.config.values import KIND, first_kind, foreign_keys
+from romgrl.config.values import first_kind, foreign_keys, kind_key
 from romgrl.errors import one_line
 
 TARGETS = (
@@ -173,8 +173,8 @@ def settle_kinds(config: DictConfig) -> None:
         place = chosen(config, group.name)
         if not isinstance(place, DictConfig):
             continue
-        if OmegaConf.is_missing(place, KIND):
-            place[KIND] = first_kind(f"{group.name}.{KIND}")
+        if OmegaConf.is_missing(place, group.metadata["by"]):
+            place[group.metadata["by"]] = first_kind(kind_key(group))
         for key in foreign_keys(lambda key: chosen(config, key)):
             owner, _, name = key.partition(".")
             if owner == group.name and OmegaConf.is_missing(place, name):

@@ -25,13 +25,13 @@ from romgrl.cli.hydra_settings import hydra_faults, searches
 from romgrl.config.fields import MISSING
 from romgrl.config.schema import Config
 from romgrl.config.values import (
-    KIND,
     allowed,
     bad_value,
     convert,
     fits,
     foreign_keys,
     key_groups,
+    kind_key,
     of_no_kind,
     refusal,
     schema_keys,
@@ -237,6 +237,6 @@ def assemble_config(values: Mapping[str, Any], schema: Any = Config, prefix: str
     for entry in fields(schema):
         name = prefix + entry.name
         kinds = entry.metadata.get("kinds", {})
-        group = kinds.get(values.get(f"{name}.{KIND}"), entry.default_factory)
+        group = kinds.get(values.get(kind_key(entry)), entry.default_factory)
         parts[entry.name] = values[name] if name in values else assemble_config(values, group, f"{name}.")
     return schema(**parts)

@@ -18,8 +18,9 @@ from romgrl.cli.config_files import CONF
 from romgrl.cli.locations import is_file, is_readable, outputs_directory, tracking_store
 from romgrl.cli.reduced_order_models import ROM_KEYS, reduced_order_model
 from romgrl.cli.teacher_ranges import RANGE_CHECKS
-from romgrl.config.learners import CRITICS, LONG_RUN
+from romgrl.config.learners import CRITICS
 from romgrl.config.schema import Config
+from romgrl.config.teachers import LONG_RUN, PPOTeacher
 from romgrl.config.values import bad_value, fits, keys_of, refusal, schema_keys, show, suggestion, value_of
 from romgrl.config.worlds import SKELETONS
 from romgrl.errors import ArtifactError, ConfigurationError
@@ -79,6 +80,8 @@ def warmup(config: Config) -> Iterator[str]:
 def segment_within_rollout(config: Config) -> Iterator[str]:
     """A segment lies within a rollout."""
     teacher = config.teacher
+    if not isinstance(teacher, PPOTeacher):
+        return
     if teacher.segment_steps is not None and teacher.segment_steps > teacher.rollout_steps:
         permitted = f"at most teacher.rollout_steps = {teacher.rollout_steps}, or null"
         yield refusal("teacher.segment_steps", teacher.segment_steps, permitted)
@@ -87,6 +90,8 @@ def segment_within_rollout(config: Config) -> Iterator[str]:
 def rollout(config: Config) -> Iterator[str]:
     """PPO's rollout has a spread of advantages, and holds a minibatch."""
     teacher = config.teacher
+    if not isinstance(teacher, PPOTeacher):
+        return
     size = teacher.num_envs * teacher.rollout_steps
     if size < 2:
         yield refusal("teacher.rollout_steps", teacher.rollout_steps, "at least 2 where teacher.num_envs = 1")

@@ -13,7 +13,7 @@ from romgrl.cli.compose import compose_config
 from romgrl.cli.config_files import CONF
 from romgrl.cli.exit_codes import exit_code_of
 from romgrl.config.schema import PRESETS, Config
-from romgrl.config.values import KIND, allowed, keys_of, schema_keys, show, value_of
+from romgrl.config.values import allowed, keys_of, kind_key, schema_keys, show, value_of
 from romgrl.report.markdown_table import markdown_table
 
 REFERENCE_PAGE = Path(__file__).resolve().parents[2] / "docs" / "configuration.md"
@@ -60,7 +60,7 @@ def kinds_with(key: str) -> str:
     """The choices of the key that decides whether a group has `key`, as in `rom.model=spring_leg`."""
     group = next(entry for entry in fields(Config) if key.startswith(f"{entry.name}."))
     kinds = [kind for kind, keys in group.metadata["kinds"].items() if key.rpartition(".")[2] in schema_keys(keys)]
-    return f"{group.name}.{KIND}={'|'.join(kinds)}"
+    return f"{kind_key(group)}={'|'.join(kinds)}"
 
 
 def main(arguments: Sequence[str]) -> int:

@@ -42,6 +42,19 @@ def of_model(config: Config) -> Iterator[str]:
             yield refusal(key, value_of(config, key), f"{show(usual)} with rom.model={model}")
 
 
+def of_one_speed(config: Config) -> Iterator[str]:
+    """CMA-ES finds a controller for one speed, of legs with motors, whose clock it needs."""
+    if config.teacher.algorithm != "cmaes":
+        return
+    if config.rom.model != MOTORS:
+        yield refusal("teacher.algorithm", "cmaes", f"ppo with rom.model={config.rom.model}")
+    for key in RANGES.values():
+        if value_of(config, key) is not None:
+            yield refusal(key, value_of(config, key), "null with teacher.algorithm=cmaes")
+    if config.teacher.pretrained:
+        yield refusal("teacher.pretrained", True, "false with teacher.algorithm=cmaes")
+
+
 def trained_ranges(config: Config) -> Iterator[str]:
     """The teacher that ships learned one speed."""
     for key in RANGES.values() if config.teacher.pretrained else ():
@@ -68,6 +81,7 @@ RANGE_CHECKS = (
     (("teacher.speed", "teacher.speeds", "teacher.stiffness_share", "teacher.stiffness_shares"), asked_within_range),
     (("teacher.command_steps", "teacher.speeds", "teacher.stiffness_shares"), commands_within_range),
     (("rom.model", *OF_MOTORS, *OF_COMMANDS), of_model),
+    (("teacher.algorithm", "rom.model", "teacher.pretrained", *RANGES.values()), of_one_speed),
     (("teacher.pretrained", *RANGES.values()), trained_ranges),
     ((*ROM_KEYS, "teacher.stiffness_share", "teacher.stiffness_shares"), stiffest_legs),
 )

@@ -28,9 +28,9 @@ def key(
     return field(default=MISSING, metadata={**told, "low": low, "high": high, "above": above})
 
 
-def one_of(kinds: Mapping[str, type]) -> Any:
-    """A group whose keys depend on what its key `model` says; the first kind where it says nothing.
+def one_of(kinds: Mapping[str, type], by: str) -> Any:
+    """A group whose keys depend on what its key `by` says; the first kind where it says nothing.
 
     A key that several kinds have means the same in each.
     """
-    return field(default_factory=next(iter(kinds.values())), metadata={"kinds": kinds})
+    return field(default_factory=next(iter(kinds.values())), metadata={"kinds": kinds, "by": by})

@@ -1,4 +1,4 @@
-"""Keys of those that learn: teacher, student and discriminator."""
+"""Keys of the student and of the discriminator."""
 
 from __future__ import annotations
 
@@ -6,101 +6,7 @@ from dataclasses import dataclass
 
 from romgrl.config.fields import key
 
-LONG_RUN = 1_000  # control steps over which a teacher is watched: 33 s, after which runs are steady
 LABELLED, CRITICS = ("bce", "least_squares"), ("wasserstein",)  # losses; only a penalty bounds a critic
-
-
-@dataclass
-class Teacher:
-    """PPO on the reduced-order model (paper section 3.2)."""
-
-    name: str = key("what it is called; not given: as its preset")
-    speed: float = key("target speed of the teacher", unit="m/s", low=0, high=10)
-    speeds: list[float] | None = key(
-        "range of the speeds that worlds are asked for in a training, each episode another, for a teacher of any of "
-        "them; null: speed alone",
-        unit="m/s",
-        low=0,
-        high=10,
-        span=True,
-        before=None,
-    )
-    stiffness_share: float = key(
-        "stiffness of the legs that is asked for, share of rom.stiffness", low=0.1, high=10, before=1.0
-    )
-    stiffness_shares: list[float] | None = key(
-        "range of it that worlds have in a training, each episode another; null: stiffness_share alone",
-        low=0.1,
-        high=10,
-        span=True,
-        before=None,
-    )
-    command_steps: int = key(
-        "control steps after which a world is asked for another speed and stiffness; 0: not within an episode",
-        low=0,
-        high=10**9,
-        before=0,
-    )
-    work_cost: float = key(
-        "what the reward loses by positive power of all actuators of body weight times sqrt(g leg_length)",
-        low=0,
-        high=1000,
-        before=0.0,
-    )
-    reward: str = key(
-        "exponential: exp(-alpha |v - speed|); forward_velocity: v", choices=("exponential", "forward_velocity")
-    )
-    alpha: float = key("sensitivity of the exponential reward", unit="s/m", low=1e-9, high=1e6)
-    total_steps: int = key("environment steps at most (whole rollouts, at least one)", low=1, high=10**12)
-    num_envs: int = key("worlds stepped together", low=1, high=100_000)
-    rollout_steps: int = key("steps per world between updates", low=1, high=1_000_000)
-    episode_steps: int = key("an episode is truncated after this many control steps", low=1, high=10**9)
-    epochs: int = key("passes over each rollout", low=1, high=1000)
-    minibatch_size: int = key("samples per gradient step", low=1, high=10**9)
-    hidden_sizes: list[int] = key("hidden layers of policy and value network", low=1, high=65_536)
-    activation: str = key("activation of both networks", choices=("tanh", "relu", "elu"))
-    learning_rate: float = key("Adam learning rate", above=0, high=1)
-    learning_rate_decay: bool = key("true: the learning rate falls linearly to zero")
-    gamma: float = key("discount factor", above=0, high=1)
-    gae_lambda: float = key("lambda of generalised advantage estimation", low=0, high=1)
-    clip_ratio: float = key("PPO clip range", above=0, high=10)
-    value_coefficient: float = key("weight of the value loss", low=0, high=1e6)
-    entropy_coefficient: float = key("weight of the entropy bonus", low=0, high=1e6)
-    max_gradient_norm: float = key("gradients are clipped to this norm", above=0, high=1e9)
-    initial_log_std: float = key("log standard deviation of the first policy", low=-20, high=5)
-    hidden_gain: float = key("gain of the orthogonal weights that hidden layers begin with", above=0, high=100)
-    policy_gain: float = key(
-        "gain of those that the policy's last layer begins with (the value network's: 1)", above=0, high=100
-    )
-    adam_epsilon: float = key("what Adam adds to the root of its second moment", low=1e-12, high=1)
-    value_clip: float | None = key(
-        "how far an update may move a value, in the unit of the value network, before its loss ends; null: no limit",
-        above=0,
-        high=1e6,
-    )
-    normalize_observation: bool = key(
-        "true: observations are standardised by their running mean and deviation, and cut off at 5 of them"
-    )
-    normalize_return: bool = key(
-        "true: the value network gives returns standardised by their running mean and deviation, cut off at 5 of them"
-    )
-    bootstrap_truncated: bool = key(
-        "true: where time is up the value of the last observation stands for what would follow; false: nothing follows"
-    )
-    segment_steps: int | None = key(
-        "steps over which advantages are summed up before a value stands for the rest; null: the whole rollout",
-        low=1,
-        high=1_000_000,
-    )
-    mirror: bool = key("true: half of each minibatch is left-right mirrored")
-    check_steps: int = key(
-        "environment steps between two checks of the speed that the policy comes to in the long run, over the second "
-        "half of a training; the last one that holds it within 3 % is kept, else the nearest; 0: none, the last "
-        "one is kept",
-        low=0,
-        high=10**12,
-    )
-    pretrained: bool = key("true: nothing is trained; the teacher that ships with the package is taken")
 
 
 @dataclass

@@ -9,7 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from romgrl.config.fields import key, one_of
-from romgrl.config.learners import Discriminator, Student, Teacher
+from romgrl.config.learners import Discriminator, Student
+from romgrl.config.teachers import TEACHERS, Teacher
 from romgrl.config.worlds import ROMS, Humanoid, Rom
 
 PRESETS = ("experiment", "comparison")  # groups whose files change keys of others
@@ -109,8 +110,8 @@ class Config:
     objective: str = key("number that a search is after (`hydra/sweeper=optuna`), by the name that MLflow shows")
     experiment: str = key("name of the preset")
     comparison: str = key("what stands in the student's place")
-    rom: Rom = one_of(ROMS)
-    teacher: Teacher = field(default_factory=Teacher)
+    rom: Rom = one_of(ROMS, by="model")
+    teacher: Teacher = one_of(TEACHERS, by="algorithm")
     reference: Reference = field(default_factory=Reference)
     humanoid: Humanoid = field(default_factory=Humanoid)
     student: Student = field(default_factory=Student)

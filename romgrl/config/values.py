@@ -26,7 +26,6 @@ class Kind(NamedTuple):
 
 
 RENAMED = {"robustness.watch": "robustness.horizon"}  # old names, which overrides may go on using
-KIND = "model"  # the key that says which keys its group has, where a group is one of several
 
 
 @cache
@@ -49,9 +48,14 @@ def keys_of(config: Config) -> dict[str, Field[Any]]:
     return {key: entry for key, entry in schema_keys().items() if key not in foreign}
 
 
+def kind_key(group: Field[Any]) -> str:
+    """The key that says which keys a group has, where it is one of several, as `rom.model`; empty for others."""
+    return f"{group.name}.{group.metadata['by']}" if "by" in group.metadata else ""
+
+
 def first_kind(key: str) -> str:
     """What `key` says where nothing is said: the first kind of its group."""
-    (group,) = (entry for entry in fields(Config) if key == f"{entry.name}.{KIND}")
+    (group,) = (entry for entry in fields(Config) if key == kind_key(entry))
     return str(next(iter(group.metadata["kinds"])))
 
 
@@ -59,7 +63,7 @@ def of_no_kind(chosen: Callable[[str], Any]) -> set[str]:
     """The other keys of a group whose kind is none that there is: what they must be is not known."""
     keys: set[str] = set()
     for group in fields(Config):
-        kinds, key = group.metadata.get("kinds", {}), f"{group.name}.{KIND}"
+        kinds, key = group.metadata.get("kinds", {}), kind_key(group)
         if kinds and not is_kind(chosen(key), kinds):
             keys |= {name for name in schema_keys() if name.startswith(f"{group.name}.")} - {key}
     return keys
@@ -77,7 +81,7 @@ def foreign_keys(chosen: Callable[[str], Any]) -> dict[str, str]:
     """
     found: dict[str, str] = {}
     for group in fields(Config):
-        kinds, key = group.metadata.get("kinds", {}), f"{group.name}.{KIND}"
+        kinds, key = group.metadata.get("kinds", {}), kind_key(group)
         if len(kinds) > 1:
             kind = chosen(key)
             own = schema_keys(kinds[kind if is_kind(kind, kinds) else first_kind(key)], f"{group.name}.")

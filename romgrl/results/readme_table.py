@@ -35,7 +35,11 @@ FAIR_SAID = (
     "sided, that the student's error is smaller, of the channel in which that is least sure; uncorrected, "
     "docs/results.md has Holm's, and the seeds without an error"
 )
-OWN_BASELINES = ("paper_settings", "paper_discriminator", "humenv")  # sweeps of one walker each, by their names in sweeps/
+OWN_BASELINES = (
+    "paper_settings",
+    "paper_discriminator",
+    "humenv",
+)  # sweeps of one walker each, by their names in sweeps/
 OTHER_NUMBERS = (
     "student/error_over_variance",
     "student/falls_percent",

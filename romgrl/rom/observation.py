@@ -39,7 +39,7 @@ MOTOR_OBSERVATION_NAMES = (
     "stiffness_share",
     "time_since_touchdown",
 )
-"""With a motor in each leg: by how much the rest length is above L0, its rate, the last action; times in sqrt(L0 / g)."""
+"""With a motor in each leg: the rest length beyond L0, its rate, the last drive; a time, in sqrt(L0 / g)."""
 PAPER_COLUMNS: tuple[int, ...] = (0, 1, 2, 3, 6, 7, 8, 9, 10, 11, 12, 13, 18)
 
 

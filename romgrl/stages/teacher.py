@@ -1,62 +1,35 @@
-"""Teacher: PPO on the reduced-order model (paper section 3.2)."""
+"""Teacher: it learns a gait on the reduced-order model (paper section 3.2)."""
 
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import closing
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-import numpy as np
-import torch
-from gymnasium.spaces import flatdim
-from numpy.typing import NDArray
-
-from romgrl.algorithms.divergence import check_physics, require_finite
-from romgrl.algorithms.ppo import PPO
-from romgrl.algorithms.ppo_policy import PPOPolicy, load_ppo_policy, save_ppo_policy
-from romgrl.algorithms.rollout_buffer import Rollout
-from romgrl.algorithms.second_thread import second_lane
-from romgrl.artifacts.checkpoint import State
 from romgrl.config.schema import Config
 from romgrl.gait import human_bands
-from romgrl.gait.features import Gait
 from romgrl.gait.metrics import describe
 from romgrl.gait.recording import record
-from romgrl.rom.interface import RomVectorEnv
 from romgrl.runtime.stage_log import StageLog
-from romgrl.stages.training.checkpoints import TrainingCheckpoints
-from romgrl.stages.training.speed_check import STEADY, STEPS, SpeedChecks
-from romgrl.stages.training.teacher_statistics import TeacherTally
+from romgrl.stages.training.cmaes_teacher import train_by_cmaes
+from romgrl.stages.training.ppo_teacher import train_by_ppo
+from romgrl.stages.training.speed_check import STEADY, STEPS
 from romgrl.stages.wiring.commands import checked_tasks, name_of_task
 from romgrl.stages.wiring.rom import rom_env
 from romgrl.stages.wiring.seeds import TEACHER_GAIT_SEED
-from romgrl.stages.wiring.teacher_learner import build_teacher_learner
+from romgrl.stages.wiring.teacher_policy import read_teacher
 
 CHECK_EPISODES = 100
+ALGORITHMS = {"ppo": train_by_ppo, "cmaes": train_by_cmaes}
+"""How a teacher learns, by `teacher.algorithm`: each writes policy.safetensors, checks.csv and curve.csv."""
 
 
 def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog) -> None:
-    """Train the teacher; write policy.safetensors, checks.csv, curve.csv (through `log`) and gait.csv of the policy.
-
-    All threads step the physics; in the updates, one half of them has the policy and the other half the values.
-    """
-    torch.set_num_threads(max(1, config.threads // 2))
-    path = output / "policy.safetensors"
-    env = rom_env(config, num_envs=config.teacher.num_envs, episode_steps=config.teacher.episode_steps, training=True)
-    with second_lane(config.threads > 1) as lane:
-        ppo = build_teacher_learner(config, env, lane)
-        with closing(env):
-            checks = SpeedChecks.of(config, output, log)
-            train_teacher(
-                config, env, ppo, checks, log, output, save=lambda: save_ppo_policy(path, ppo, env.observation_names)
-            )
-            checks.keep_best(ppo)
-    save_ppo_policy(path, ppo, env.observation_names)
-    policy, rows = load_ppo_policy(path), []
+    """Train the teacher; write policy.safetensors, checks.csv, curve.csv (through `log`) and gait.csv of the policy."""
+    ALGORITHMS[config.teacher.algorithm](config, output, log)
+    rows = []
     for at in checked_tasks(config):
-        row = describe(check_gait(at, policy), target_speed=at.teacher.speed, mass=env.parameters.mass)
+        row = gait_row(at, output)
         rows.append({"walker": name_of_task(at), **row})
         told = "" if name_of_task(at) == "teacher" else f"{name_of_task(at)}: "
         log.message(
@@ -67,92 +40,16 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
     write_gaits(output / "gait.csv", rows)
 
 
-@dataclass
-class TeacherLoop:
-    """What one rollout hands to the next."""
-
-    env: RomVectorEnv
-    observation: NDArray[np.float32]
-
-    def state(self) -> State:
-        """Everything that `restore` needs."""
-        return {"worlds": self.env.save(), "observation": self.observation}
-
-    def restore(self, state: State) -> None:
-        """Go on from a state."""
-        self.env.restore(np.asarray(state["worlds"]))
-        self.observation = np.asarray(state["observation"])
-
-
-def train_teacher(
-    config: Config,
-    env: RomVectorEnv,
-    ppo: PPO,
-    checks: SpeedChecks,
-    log: StageLog,
-    output: Path,
-    save: Callable[[], None],
-) -> None:
-    """Collect a rollout, update, as often as fits into `total_steps`; DivergenceError if a number is not finite."""
-    teacher = config.teacher
-    rollout = Rollout(
-        steps=teacher.rollout_steps,
-        num_envs=env.num_envs,
-        observation_size=flatdim(env.single_observation_space),
-        action_size=flatdim(env.single_action_space),
-        device=config.device,
-    )
-    tally = TeacherTally(env.num_envs, teacher.rollout_steps)
-    loop = TeacherLoop(env, env.reset(seed=config.seed)[0])
-    checkpoints = TrainingCheckpoints(
-        output,
-        {"loop": loop, "ppo": ppo, "tally": tally, "checks": checks},
-        save_policy=save,
-        seconds=config.checkpoint_seconds,
-        total=lambda: teacher.total_steps,
-        log=log,
-    )
-    rollout_size = teacher.rollout_steps * env.num_envs
-    first = checkpoints.resume()
-    with checkpoints.deferring_signals("teacher"):
-        for done in range(first + rollout_size, max(teacher.total_steps, rollout_size) + 1, rollout_size):
-            loop.observation = collect(env, ppo, rollout, loop.observation, tally)
-            decay = 1.0 - (done - rollout_size) / teacher.total_steps if teacher.learning_rate_decay else 1.0
-            losses = ppo.update(rollout, learning_rate_scale=decay)
-            gait = tally.take()
-            require_finite(gradient=np.array(losses["gradient_norm"]), weights=ppo.weights)
-            require_finite(loss=np.array([losses["policy_loss"], losses["value_loss"], losses["approximate_kl"]]))
-            log.metrics(gait | losses, done)
-            log.progress(done, teacher.total_steps, speed=gait["speed"], correlation=gait["left_right_correlation"])
-            checks.check_if_due(done, ppo)
-            checkpoints.save_if_due(done)
-
-
-def collect(
-    env: RomVectorEnv, ppo: PPO, rollout: Rollout, observation: NDArray[np.float32], tally: TeacherTally
-) -> NDArray[np.float32]:
-    """Fill `rollout` with the exploring policy; returns the observation that the next one starts from."""
-    for step in range(len(rollout.rewards)):
-        seen = torch.from_numpy(observation).to(ppo.device)
-        action, log_probability = ppo.act(seen)
-        rollout.store_action(step, seen, action, log_probability)
-        observation, reward, terminated, truncated, info = env.step(action.clamp(-1.0, 1.0).cpu().numpy())
-        check_physics(info["diverged"])
-        require_finite(observation=info["final_obs"], reward=reward)
-        rollout.store_outcome(step, reward, terminated, truncated, info["final_obs"])
-        tally.add(step, reward, terminated, truncated, info)
-    return observation
-
-
-def check_gait(config: Config, policy: PPOPolicy) -> Gait:
-    """CHECK_EPISODES of the finished policy, from resets that the training did not see.
+def gait_row(config: Config, directory: Path) -> dict[str, float]:
+    """What the finished policy does at the speed of a configuration in CHECK_EPISODES from resets that no training saw.
 
     Falls count from the reset on, the gait over the steps that a check of the speed counts.
     """
     env = rom_env(config, num_envs=CHECK_EPISODES, episode_steps=STEPS + 1)
+    policy = read_teacher(directory, config, env)
     gait = record(env, policy, steps=STEPS, seed=config.seed + TEACHER_GAIT_SEED, dt=env.dt)
     gait.valid[:, :-STEADY] = False
-    return gait
+    return describe(gait, target_speed=config.teacher.speed, mass=env.parameters.mass)
 
 
 def write_gaits(path: Path, rows: Sequence[Mapping[str, object]]) -> None:

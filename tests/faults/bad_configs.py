@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import random
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any
 
-from romgrl.config.values import first_kind, foreign_keys, kind_of, schema_keys
-from romgrl.config.worlds import ROMS
+from romgrl.config.schema import Config
+from romgrl.config.values import first_kind, foreign_keys, kind_key, kind_of, schema_keys
 
 HEAD = "defaults:\n  - config\n  - _self_\n"
 
@@ -46,7 +46,9 @@ def preset_of(key: str) -> list[str]:
     """What chooses a preset that has the key, where the default configuration lacks it."""
     if key not in foreign_keys(first_kind):
         return []
-    return [next(f"rom={kind}" for kind in ROMS if key not in foreign_keys({"rom.model": kind}.get))]
+    group = next(entry for entry in fields(Config) if key.startswith(f"{entry.name}."))
+    kinds = (kind for kind in group.metadata["kinds"] if key not in foreign_keys({kind_key(group): kind}.get))
+    return [f"{group.name}={next(kinds)}"]
 
 
 def bad_forms(entry: Any) -> list[str]:
@@ -251,6 +253,9 @@ MISFITS = (
     ("teacher.stiffness_shares", "rom=variable_leg rom.stiffness=100000 teacher.stiffness_shares=[1,10]"),
     ("teacher.speeds", "teacher=pretrained teacher.speeds=[2,5]"),
     ("teacher.command_steps", "teacher.command_steps=60"),
+    ("teacher.algorithm", "teacher=cmaes rom=running"),
+    ("teacher.speeds", "teacher=cmaes teacher.speeds=[2,4]"),
+    ("teacher.pretrained", "teacher=cmaes teacher.pretrained=true"),
     ("eta", "comparison=same_resets eta=0.5"),
     ("comparison", "comparison=upright stage=verify"),
     ("comparison", "comparison=sinusoid discriminator=none"),

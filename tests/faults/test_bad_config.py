@@ -9,6 +9,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ from romgrl.cli.consistency import CHECKS, validate
 from romgrl.cli.hydra_loader import Loader
 from romgrl.cli.teacher_ranges import OF_MOTORS
 from romgrl.config.schema import Config
-from romgrl.config.values import keys_of, kind_of, schema_keys, value_of
+from romgrl.config.values import keys_of, kind_key, kind_of, schema_keys, value_of
 from romgrl.humanoid.own_body import human_spec
 from romgrl.rom import _core
 from romgrl.rom.parameters import VariableLegParameters, core_parameters
@@ -147,10 +148,12 @@ def good_values(config: Config, seed: int) -> Iterator[list[str]]:
         kind, value = kind_of(entry), value_of(config, key)
         if key.endswith(".pretrained"):
             yield [key.replace(".", "=")]  # the preset: it needs more than this key
+        elif any(key == kind_key(group) for group in fields(Config)):
+            yield [f"{key.partition('.')[0]}={draw.choice(list(entry.metadata['choices']))}"]  # likewise
         elif kind.item == "bool":
             yield [f"{key}={str(not value).lower()}"]
         elif entry.metadata["choices"] and key != "device":
-            yield [f"{key}={draw.choice(entry.metadata['choices'])}"]
+            yield [f"{key}={draw.choice(list(entry.metadata['choices']))}"]
         elif kind.item == "float" and isinstance(value, float) and value > 0:
             yield [*(["rom=variable_leg"] if key in OF_MOTORS else []), f"{key}={0.995 * value:.6g}"]
 

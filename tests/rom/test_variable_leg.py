@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -203,70 +202,6 @@ def test_a_mirrored_world_stays_the_mirror_image() -> None:
         worlds.step(chosen)
         others.step(np.ascontiguousarray(action.image(chosen)))
         np.testing.assert_array_equal(observation.image(worlds["final_observation"]), others["final_observation"])
-
-
-@each_engine
-def test_commands_are_drawn_for_each_episode_and_while_it_lasts() -> None:
-    span = {"speed_low": 1.0, "speed_high": 3.0, "stiffness_share_low": 0.7, "stiffness_share_high": 1.4}
-    unit = np.sqrt(GRAVITY * LENGTH)
-    worlds = Worlds(core_parameters(command_steps=3, fall_height=0.0, **MOTOR | span), 100)
-    worlds.batch.seed(4)
-    worlds.batch.reset()
-    worlds.batch.observe(worlds["observation"], worlds["features"], worlds["contact"])
-    seen = [worlds["observation"][:, [18, 26]].copy()]
-    for _ in range(9):
-        worlds.step()
-        fresh = ~(worlds["terminated"] | worlds["truncated"])
-        asked = worlds["final_observation"][:, 18] * unit
-        expected = np.exp(-np.abs(worlds["forward_velocity"] - asked))
-        np.testing.assert_allclose(worlds["reward"][fresh], expected[fresh], rtol=1e-4)
-        seen.append(worlds["observation"][:, [18, 26]].copy())
-    changes = [bool((after != before).any()) for before, after in pairwise(seen)]
-    assert changes == [False, False, True] * 3
-    speeds, shares = np.concatenate([s[:, 0] for s in seen[::3]]) * unit, np.concatenate([s[:, 1] for s in seen[::3]])
-    for values, low, high in ((speeds, 1.0, 3.0), (shares, 0.7, 1.4)):
-        assert low <= values.min() < low + 0.05 * (high - low)
-        assert high >= values.max() > high - 0.05 * (high - low)
-    state = worlds.batch.save()
-    worlds.step()
-    first = worlds["observation"].copy()
-    worlds.batch.restore(state)
-    worlds.step()
-    np.testing.assert_array_equal(first, worlds["observation"])
-
-
-@each_engine
-def test_the_time_since_the_last_touchdown() -> None:
-    """It grows by a control step's, or begins within it, where the side of the touchdown changes."""
-    worlds = Worlds(core_parameters(**MOTOR | {"reset_hip_angle_low": 0.3}), 64)
-    worlds.batch.seed(1)
-    worlds.batch.reset()
-    worlds.step()
-    unit, dt, ages, touchdowns = np.sqrt(LENGTH / GRAVITY), 1.0 / 30.0, 0, 0
-    for _ in range(30):
-        age, side = worlds["observation"][:, 27] * unit, worlds["observation"][:, 19].copy()
-        worlds.step(np.zeros((64, 4), np.float32))
-        seen = worlds["final_observation"]
-        changed = seen[:, 19] != side
-        grown = np.isclose(seen[:, 27] * unit, age + dt, atol=1e-6)
-        begun = seen[:, 27] * unit < dt
-        assert np.all(begun[changed])
-        assert np.all(grown[~changed] | begun[~changed])
-        ages += int(grown.sum())
-        touchdowns += int(changed.sum())
-    assert touchdowns > 30
-    assert ages > 300
-
-
-@each_engine
-def test_the_work_of_all_actuators_can_cost() -> None:
-    """Per body weight and sqrt(g L0); of the hips, too."""
-    free, paid = (Worlds(core_parameters(work_cost=cost, **MOTOR)) for cost in (0.0, 0.5))
-    for worlds in (free, paid):
-        worlds.step(drives(1.0, 1.0, hips=1.0))
-    cost = 0.5 * paid["positive_power"][0] / (MASS * GRAVITY * np.sqrt(GRAVITY * LENGTH))
-    assert paid["positive_power"][0] > paid["positive_leg_motor_power"][0] > 10.0
-    assert free["reward"][0] - paid["reward"][0] == pytest.approx(float(cost), rel=1e-4)
 
 
 @pytest.mark.parametrize(

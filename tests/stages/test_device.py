@@ -19,6 +19,7 @@ from romgrl.artifacts import save_arrays
 from romgrl.config.schema import Config
 from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import student, teacher
+from romgrl.stages.training import ppo_teacher
 from romgrl.stages.wiring.humanoid import humanoid_env
 from romgrl.stages.wiring.student_learner import build_student_learner
 
@@ -74,8 +75,8 @@ def test_teacher(meta_config: Config, tmp_path: Path, monkeypatch: pytest.Monkey
         made.append(ppo)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(teacher, "train_teacher", train)
-    monkeypatch.setattr(teacher, "save_ppo_policy", lambda path, ppo, names: None)
+    monkeypatch.setattr(ppo_teacher, "train_teacher", train)
+    monkeypatch.setattr(ppo_teacher, "save_ppo_policy", lambda path, ppo, names: None)
     with pytest.raises(KeyboardInterrupt):
         teacher.run(meta_config, {}, tmp_path, SilentLog())
     found = dict(tensors(made[0]))

@@ -56,7 +56,7 @@ class Agent:
     """Stands for an agent whose weights are its number of steps."""
 
     def __init__(self, step: float) -> None:
-        self.policy = SimpleNamespace(flat=torch.full((3,), float(step)))
+        self.policy = SimpleNamespace(num_envs=8, flat=torch.full((3,), float(step)))
 
     def mean_policy(self) -> None:
         return None
@@ -77,7 +77,7 @@ def checks(config: Config, output: Path, errors: list[float], monkeypatch: pytes
         "measure",
         lambda *_: {"falls": 0.0, "steady_speed_m_per_s": 4.0, "speed_error_percent": next(found)},
     )
-    env: Any = SimpleNamespace(close=lambda: None, dt=1 / 30)
+    env: Any = SimpleNamespace(num_envs=8, close=lambda: None, dt=1 / 30)
     return SpeedChecks(100, config, [(4.0, env)], output, SilentLog(), due=500)
 
 

@@ -5,18 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import pandas as pd
 import torch
 from torch import Tensor
 
-from romgrl.algorithms.ppo import PPO
-from romgrl.config.learners import LONG_RUN
 from romgrl.config.schema import Config
+from romgrl.config.teachers import LONG_RUN
 from romgrl.gait.features import Gait
-from romgrl.gait.recording import record
+from romgrl.gait.recording import Policy, record
 from romgrl.rom.interface import RomVectorEnv
 from romgrl.runtime.stage_log import StageLog
 from romgrl.stages.wiring.commands import checked_tasks
@@ -31,6 +30,22 @@ FROM = 0.5
 SPEED = 3.0
 """A policy holds its speed within so many percent."""
 FILE = "checks.csv"
+
+
+class Checked(Protocol):
+    """A learner whose policies are checked, and which can go back to one of them."""
+
+    def mean_policy(self) -> Policy:
+        """Its policy without exploration."""
+        ...
+
+    def policy_vector(self) -> Any:
+        """All numbers of that policy (P,)."""
+        ...
+
+    def put_policy_vector(self, vector: Any, /) -> None:
+        """Make it that policy again."""
+        ...
 
 
 @dataclass
@@ -48,25 +63,29 @@ class SpeedChecks:
     log: StageLog
     rows: list[dict[str, float]] = field(default_factory=list)
     best: Tensor | None = None
-    """The best policy, as `PPO.policy_vector` gives it."""
+    """The best policy, as the `policy_vector` of the learner gives it."""
     due: int = 0
 
     @classmethod
-    def of(cls, config: Config, output: Path, log: StageLog) -> SpeedChecks:
-        """Those of a configuration."""
-        interval, total = config.teacher.check_steps, config.teacher.total_steps
+    def of(
+        cls, config: Config, output: Path, log: StageLog, *, interval: int, total: int, episodes: int | None = None
+    ) -> SpeedChecks:
+        """Those of a configuration, every `interval` of the `total` steps (or generations) of its training.
+
+        episodes: of each check; WORLDS where nothing is said.
+        """
         worlds = [
-            (at.teacher.speed, rom_env(at, num_envs=WORLDS, episode_steps=STEPS + 1))
+            (at.teacher.speed, rom_env(at, num_envs=episodes or WORLDS, episode_steps=STEPS + 1))
             for at in (checked_tasks(config) if interval else ())
         ]
         return cls(interval, config, worlds, output, log, due=round(FROM * total))
 
-    def check_if_due(self, step: int, ppo: PPO) -> None:
+    def check_if_due(self, step: int, learner: Checked) -> None:
         """Check the policy where `step` has come to the next multiple of the interval."""
         if not self.worlds or step < self.due:
             return
         self.due = step + self.interval
-        seed, policy = self.config.seed + CHECK_SEED, ppo.mean_policy()
+        seed, policy = self.config.seed + CHECK_SEED, learner.mean_policy()
         measured = [
             {"asked_m_per_s": speed} | measure(record(env, policy, steps=STEPS, seed=seed, dt=env.dt), speed)
             for speed, env in self.worlds
@@ -74,20 +93,21 @@ class SpeedChecks:
         row = {"step": float(step)} | worst(measured)
         self.rows.append(row)
         if min(self.rows, key=rank) is row:
-            self.best = ppo.policy_vector()
+            self.best = torch.as_tensor(learner.policy_vector())
         pd.DataFrame(self.rows).to_csv(self.output / FILE, index=False)
 
-    def keep_best(self, ppo: PPO) -> None:
+    def keep_best(self, learner: Checked) -> None:
         """Give the policy its best weights."""
         for _, env in self.worlds:
             env.close()
         if self.best is None:
             return
-        ppo.put_policy_vector(self.best)
+        learner.put_policy_vector(self.best)
         row = min(self.rows, key=rank)
+        episodes = sum(env.num_envs for _, env in self.worlds)
         self.log.message(
-            f"kept the policy of step {row['step']:,.0f}: falls in {row['falls']:.0f} of "
-            f"{WORLDS * len(self.worlds)} episodes, {row['steady_speed_m_per_s']:.2f} m/s in the long run"
+            f"kept the policy of step {row['step']:,.0f}: falls in {row['falls']:.0f} of {episodes} episodes, "
+            f"{row['steady_speed_m_per_s']:.2f} m/s in the long run"
             + (" where it is furthest from what was asked" if len(self.worlds) > 1 else "")
         )
 

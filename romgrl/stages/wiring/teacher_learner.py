@@ -8,12 +8,13 @@ from gymnasium.spaces import flatdim
 
 from romgrl.algorithms.ppo import PPO
 from romgrl.config.schema import Config
+from romgrl.config.teachers import ppo_keys
 from romgrl.rom.interface import RomVectorEnv
 
 
 def build_teacher_learner(config: Config, env: RomVectorEnv, lane: Executor | None = None) -> PPO:
     """PPO of the configuration for the environment; `lane` is a second thread for its updates."""
-    teacher = config.teacher
+    teacher = ppo_keys(config.teacher)
     return PPO(
         observation_size=flatdim(env.single_observation_space),
         action_size=flatdim(env.single_action_space),
