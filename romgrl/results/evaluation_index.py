@@ -223,7 +223,10 @@ def codes(evaluations: Sequence[FinishedEvaluation]) -> int:
 
 
 def select(outputs: Path, config: Config) -> Selection:
-    """The evaluations whose settings are those of a configuration but for the seed; of two of a seed, the newer one."""
+    """The evaluations whose settings are those of a configuration but for the seed; of two of a seed, the newer one.
+
+    Of other bits of the same settings, kept beside the first, none counts: what was trained first does.
+    """
     found, left_out = evaluations(outputs)
     by_seed: dict[int, FinishedEvaluation] = {}
     for evaluation in found:
@@ -231,6 +234,9 @@ def select(outputs: Path, config: Config) -> Selection:
         seed = evaluation.manifest.seed
         if reasons:
             left_out[evaluation.directory] = first_reasons(reasons)
+            continue
+        if evaluation.directory.name != evaluation.manifest.key:
+            left_out[evaluation.directory] = "other bits of what was kept first"
             continue
         if seed in by_seed:
             left_out[by_seed[seed].directory] = f"there is a newer one of seed {seed}, made by other code"

@@ -84,9 +84,11 @@ README_ROWS = {
 
 def readme_text(outputs: Path, document: Path) -> str:
     """The text with the table between its markers. Raises ArtifactError where there is no such sweep or place."""
-    found = [sweep for sweep in merged(sweeps(outputs)) if sweep.name in CLAIMED]
-    jobs = [each for sweep in found for each in results(sweep, outputs) if each.evaluation is not None]
-    if not jobs:
+    jobs: dict[str, list[JobResult]] = {}
+    for sweep in merged(sweeps(outputs)):
+        finished = results(sweep, outputs) if sweep.name in CLAIMED else []
+        jobs.setdefault(sweep.on, []).extend(each for each in finished if each.evaluation is not None)
+    if not any(jobs.values()):
         raise ArtifactError(f"{outputs}: no job of the sweeps {' and '.join(CLAIMED)} has finished")
     try:
         before, _, rest = document.read_text(encoding="utf-8").partition(START)
@@ -94,7 +96,10 @@ def readme_text(outputs: Path, document: Path) -> str:
         raise ArtifactError(f"{document}: is no text in UTF-8") from error
     if END not in rest:
         raise ArtifactError(f"{document}: has no markers {START} and {END}")
-    text = "\n".join([markdown(runs_table(jobs)), *fair_table(outputs), *others_table(outputs)])
+    table = pd.concat([runs_table(several, on) for on, several in jobs.items() if several], axis=1)
+    text = "\n".join(
+        [markdown(table.loc[:, ~table.columns.duplicated()]), *fair_table(outputs), *others_table(outputs)]
+    )
     return f"{before}{START}\n\n{text}\n{END}{rest.partition(END)[2]}"
 
 
@@ -106,7 +111,8 @@ def fair_table(outputs: Path) -> list[str]:
             if compared := with_student(walkers):
                 table = walkers_table(walkers, compared)
                 shown = [column for column in FAIR_COLUMNS if column in table]
-                title = f"{FAIR_SAID}; {other}:" if other else f"{FAIR_SAID}:"
+                where = f" On {sweep.on}, other bits and so other trainings, the same way" if sweep.on else FAIR_SAID
+                title = f"{where}; {other}:" if other else f"{where}:"
                 text += [title, "", markdown(table[shown]), *worth_of_imitation(walkers)]
     return text
 
@@ -127,8 +133,11 @@ def others_table(outputs: Path) -> list[str]:
     return [OTHER_SAID, "", markdown(pd.DataFrame(rows))] if rows else []
 
 
-def runs_table(jobs: Sequence[JobResult]) -> pd.DataFrame:
-    """One row per number, one column per speed, teacher and group of seeds: mean over seeds, smallest and largest."""
+def runs_table(jobs: Sequence[JobResult], on: str = "") -> pd.DataFrame:
+    """One row per number, one column per speed, teacher and group of seeds: mean over seeds, smallest and largest.
+
+    on: the processor, where that is another one than that of the first trainings.
+    """
     groups: dict[tuple[float, float, bool], list[JobResult]] = {}
     for each in jobs:
         assert each.evaluation is not None
@@ -140,6 +149,7 @@ def runs_table(jobs: Sequence[JobResult]) -> pd.DataFrame:
         seeds = len({each.seed for each in several})
         title = f"{speed:g} m/s, {seeds} seed{'s' if seeds > 1 else ''} ({HELD_OUT if held_out else CHOSEN})"
         title += f", teacher of {taught:g} m/s" if taught != speed else ""
+        title += f", again on {on}" if on else ""
         title += ", short budget" if any(each.short for each in several) else ""
         table[title] = [mean_and_range(several, name, decimals) for name, (_, decimals) in README_ROWS.items()]
     return pd.DataFrame(table)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
@@ -107,21 +108,31 @@ def temporary_files(texts: Mapping[Path, str]) -> Iterator[dict[Path, Path]]:
 
 def prefix_of(sweep: Sweep) -> str:
     """How the names of a sweep's files begin."""
-    return f"{sweep.title.replace(' ', '_').replace(',', '').replace('.', '_')}_"
+    return f"{plain_name(sweep.title)}_"
+
+
+def plain_name(text: str) -> str:
+    """A text as a part of a file's name."""
+    return re.sub(r"[^A-Za-z0-9_=-]+", "_", text.replace(",", "")).rstrip("_")
 
 
 def merged(found: Sequence[Sweep]) -> list[Sweep]:
-    """One sweep for each title: the jobs of all runs of it, each as it ended last."""
-    by_title: dict[str, Sweep] = {}
+    """One sweep for each title and processor, whose bits differ: the jobs of all its runs, each as it ended last."""
+    by_title: dict[tuple[str, str], Sweep] = {}
+    first: dict[str, str] = {}
     for sweep in found:
-        known = by_title.get(sweep.title)
+        processor = str(sweep.machine.get("processor", ""))
+        place = sweep.subject, processor
+        known = by_title.get(place)
         if known is None:
-            by_title[sweep.title] = sweep
+            by_title[place] = replace(
+                sweep, on="" if first.setdefault(sweep.subject, processor) == processor else processor
+            )
             continue
         jobs = {tuple(sorted(settings(job).items())): job for job in [*known.jobs, *sweep.jobs]}
         command = "\n".join(dict.fromkeys([*known.command.splitlines(), sweep.command]))
         ends = [*known.ends, *sweep.ends]
-        by_title[sweep.title] = replace(sweep, jobs=[*jobs.values()], command=command, ends=ends)
+        by_title[place] = replace(known, jobs=[*jobs.values()], command=command, ends=ends)
     return list(by_title.values())
 
 
@@ -135,7 +146,7 @@ def results_section(sweep: Sweep, jobs: list[JobResult], outputs: Path, director
     text = [f"## {sweep.title}", "", *(f"    {public(line)}" for line in sweep.command.splitlines()), ""]
     text += [provenance(sweep, jobs), "", *table, *failures(jobs), ""]
     if sweep.name in CLAIMED:
-        text += claims(jobs, directory)
+        text += claims(jobs, directory, plain_name(sweep.on))
     for figure in sorted(directory.glob(f"{prefix}*.png")):
         text += [f"![{sweep.title}, {figure.stem.removeprefix(prefix)}](results/{figure.name})", ""]
     links = [f"[{path.name}](results/{prefix}{path.name})" for path in paths if path.suffix == ".csv"]
@@ -165,7 +176,7 @@ def provenance(sweep: Sweep, jobs: Sequence[JobResult]) -> str:
     return text
 
 
-def claims(jobs: Sequence[JobResult], directory: Path) -> list[str]:
+def claims(jobs: Sequence[JobResult], directory: Path, on: str) -> list[str]:
     """The claims about each cell, its errors and the spread of its baseline; held-out seeds apart, and first."""
     text = []
     for cell in by_cell(each for each in jobs if each.evaluation is not None):
@@ -175,7 +186,7 @@ def claims(jobs: Sequence[JobResult], directory: Path) -> list[str]:
             of = evaluations[0].settings
             name = f"{of['speed']:g} m/s, teacher of {of['teacher.speed']:g} m/s"
             name += f", seeds that {group}" if place else ""
-            tables = claim_tables(evaluations, directory, "_chosen" if place else "")
+            tables = claim_tables(evaluations, directory, f"{'_chosen' if place else ''}{f'_{on}' if on else ''}")
             text += [f"### Claims at {name}", "", *notes_of(members), *tables]
     return text
 

@@ -49,7 +49,8 @@ class Sweep:
     """A sweep: the file that stores it, the command that started it, the overrides of each job, and where it ran.
 
     `started`: seconds since 1970; `usual`: settings below which the budget of a job counts as short; `trials`: how many
-    jobs a search may come to, which are added as it chooses them.
+    jobs a search may come to, which are added as it chooses them; `on`: its processor, where the same sweep was made on
+    another one first.
     """
 
     directory: Path
@@ -61,6 +62,7 @@ class Sweep:
     usual: dict[str, float]
     trials: int = 0
     ends: list[JobEnd] = field(default_factory=list)
+    on: str = ""
 
     @property
     def swept(self) -> list[str]:
@@ -73,7 +75,12 @@ class Sweep:
 
     @property
     def title(self) -> str:
-        """The name of the file that stores it, or the keys that it varies."""
+        """The name of the file that stores it, or the keys that it varies; with its processor where `on` says so."""
+        return f"{self.subject} on {self.on}" if self.on else self.subject
+
+    @property
+    def subject(self) -> str:
+        """The title, whatever it ran on."""
         if self.name != "config":
             return self.name
         stages = sorted({text.partition("=")[2] for job in self.jobs for text in job if text.startswith("stage=")})

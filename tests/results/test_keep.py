@@ -17,6 +17,7 @@ from romgrl.config.schema import Config
 from romgrl.results import keep as keep_module
 from romgrl.results import statistics, sweep_tables
 from romgrl.results.__main__ import main as write
+from romgrl.results.evaluation_index import select
 from romgrl.results.keep import main as keep
 from romgrl.results.text_table import Sheet
 from romgrl.results.verify import verify
@@ -121,6 +122,9 @@ def test_what_is_there_is_not_lost(outputs: Path, default_config: Config, tmp_pa
     assert {path: path.read_bytes() for path in before} == before
     beside = [path for path in kept.glob("artifacts/evaluation/*") if "-" in path.name]
     assert [path.name.partition("-")[0] for path in beside] == [evaluation.name]
+    selection = select(kept, default_config)
+    assert selection.left_out[beside[0]] == "other bits of what was kept first"
+    assert evaluation.name in {each.directory.name for each in selection.used}
     assert write([str(kept), str(tmp_path / "docs")]) == 0
     errors = pd.read_csv(tmp_path / "docs" / "results" / "paper_jobs.csv").set_index("seed")["average/aligned/student"]
     assert errors[5] == pytest.approx(0.5)  # each job as it ended last

@@ -141,6 +141,29 @@ def test_the_readme_has_what_stands_in_the_students_place(default_config: Config
     assert all(row.endswith(" | 4 (4 to 4) | 0 (0 to 0) | too few seeds |") for row in shown)
 
 
+def test_trainings_on_another_processor_stand_apart(default_config: Config, tmp_path: Path) -> None:
+    """Other bits are other trainings: a sweep that was made again has its own section, table and column."""
+    outputs, readme = tmp_path / "outputs", tmp_path / "README.md"
+    readme.write_text(f"{START}\n{END}\n", encoding="utf-8")
+    for place, processor in (("a", "One"), ("aa", "Two (R)")):
+        stored(outputs, default_config, place, "paper", {"seed": ["5", "6"]})
+        stored(outputs, default_config, f"{place}f", "fair", {"comparison": ["student", "upright"], "seed": ["5", "6"]})
+        for record in (outputs / "sweeps" / name / "sweep.json" for name in (place, f"{place}f")):
+            document = json.loads(record.read_text(encoding="utf-8")) | {"machine": {"processor": processor}}
+            record.write_text(json.dumps(document), encoding="utf-8")
+    assert main([str(outputs), str(tmp_path / "docs"), str(readme)]) == 0
+    text = readme.read_text(encoding="utf-8")
+    assert "| 4 m/s, 2 seeds (held out) | 4 m/s, 2 seeds (held out), again on Two (R) |" in text
+    assert text.count("| upright | 5, 6 |") == 2
+    assert "On Two (R), other bits and so other trainings" in text
+    document = (tmp_path / "docs" / "results.md").read_text(encoding="utf-8")
+    assert [line for line in document.splitlines() if line.startswith("## ")] == [
+        "## paper", "## paper on Two (R)", "## fair", "## fair on Two (R)"
+    ]  # fmt: skip
+    names = {path.name for path in (tmp_path / "docs" / "results").glob("*jobs.csv")}
+    assert names == {f"{name}_jobs.csv" for name in ("paper", "paper_on_Two_R", "fair", "fair_on_Two_R")}
+
+
 def test_a_second_writing_replaces_the_first(default_config: Config, tmp_path: Path) -> None:
     stored(tmp_path, default_config, "a", "eta", {"eta": ["0.3", "0.7"]})
     assert main([str(tmp_path), str(tmp_path / "docs")]) == 0
