@@ -10,6 +10,7 @@ namespace {
 
 constexpr double kLargestNumber = 1e3;  // m, m/s, rad, rad/s
 constexpr double kFarthest = 16.0;  // m from the origin, within Box2D's ground
+constexpr double kLargestDrive = 2.0;  // a policy's is within 1; a return map disturbs it
 constexpr double kLongestWay = 1e9;  // m, s; in float64 a step is still told from the next one
 
 bool is_body(const double* state) {
@@ -23,7 +24,7 @@ bool is_walker_state(const double* state) {
     const auto finite = [](double value) { return std::isfinite(value); };
     const auto is_leg = [](const double* leg) {
         return std::fabs(leg[1]) < kLargestNumber && std::fabs(leg[2]) < kLargestNumber &&
-               std::fabs(leg[4]) < kLargestNumber && std::fabs(leg[5]) < kLargestNumber && std::fabs(leg[6]) <= 1.0;
+               std::fabs(leg[4]) < kLargestNumber && std::fabs(leg[5]) < kLargestNumber && std::fabs(leg[6]) < kLargestDrive;
     };
     return is_body(state) && is_body(state + 6) && is_body(state + 12) &&
            std::all_of(state + 18, state + kWalkerState, finite) && (state[18] == 0.0 || state[18] == 1.0) &&

@@ -31,6 +31,13 @@ def commands_within_range(config: Config) -> Iterator[str]:
         yield refusal("teacher.command_steps", teacher.command_steps, permitted)
 
 
+def library_within_range(config: Config) -> Iterator[str]:
+    """A library asks a teacher for what it has learned."""
+    learned, shares = config.teacher.stiffness_shares, config.library.stiffness_shares
+    if config.stage == "library" and learned is not None and not learned[0] <= min(shares) <= max(shares) <= learned[1]:
+        yield refusal("library.stiffness_shares", shares, f"within teacher.stiffness_shares = {show(learned)}")
+
+
 def of_model(config: Config) -> Iterator[str]:
     """Not all worlds are asked for another speed each episode, or tell what their work costs, or have motors."""
     from romgrl.rom.registry import MODELS
@@ -80,6 +87,7 @@ def stiffest_legs(config: Config) -> Iterator[str]:
 RANGE_CHECKS = (
     (("teacher.speed", "teacher.speeds", "teacher.stiffness_share", "teacher.stiffness_shares"), asked_within_range),
     (("teacher.command_steps", "teacher.speeds", "teacher.stiffness_shares"), commands_within_range),
+    (("stage", "library.stiffness_shares", "teacher.stiffness_shares"), library_within_range),
     (("rom.model", *OF_MOTORS, *OF_COMMANDS), of_model),
     (("teacher.algorithm", "rom.model", "teacher.pretrained", *RANGES.values()), of_one_speed),
     (("teacher.pretrained", *RANGES.values()), trained_ranges),

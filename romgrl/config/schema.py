@@ -15,7 +15,7 @@ from romgrl.config.worlds import ROMS, Humanoid, Rom
 
 PRESETS = ("experiment", "comparison")  # groups whose files change keys of others
 STAGES = ("teacher", "reference", "student", "baseline", "evaluation", "report")
-OPTIONAL_STAGES = ("robustness",)  # made only when asked for by name; no stage reads them
+OPTIONAL_STAGES = ("robustness", "library")  # made only when asked for by name; no stage reads them
 
 
 @dataclass
@@ -56,6 +56,17 @@ class Robustness:
     mass: list[float] = key("mass and inertia of every segment, share of the humanoid's", low=0.1, high=10)
     friction: list[float] = key("ground friction, share of the humanoid's", low=0.01, high=10)
     orbit_worlds: int = key("models whose strides give the teacher's Floquet multipliers", low=2, high=10_000)
+
+
+@dataclass
+class Library:
+    """References of one teacher over its speeds and stiffnesses (`stage=library`), each checked and measured."""
+
+    speed_step: float = key("between two speeds, multiples of it within teacher.speeds", unit="m/s", above=0, high=10)
+    stiffness_shares: list[float] = key(
+        "stiffness of the legs, where the teacher has learned a range of it, shares of rom.stiffness", low=0.1, high=10
+    )
+    orbit_worlds: int = key("models whose strides give the Floquet multipliers of a cell", low=2, high=10_000)
 
 
 @dataclass
@@ -118,6 +129,7 @@ class Config:
     discriminator: Discriminator = field(default_factory=Discriminator)
     evaluation: Evaluation = field(default_factory=Evaluation)
     robustness: Robustness = field(default_factory=Robustness)
+    library: Library = field(default_factory=Library)
     watch: Watch = field(default_factory=Watch)
     tracking: Tracking = field(default_factory=Tracking)
     paths: Paths = field(default_factory=Paths)

@@ -61,7 +61,7 @@ class Gait:
     features (E, T, 5) m; valid (E, T): steps that belong to the episode, before any fall; fallen (E,); dt s;
     velocity (E, T) m/s forward; contact (E, T, 2) left and right foot on the ground; trunk_lean (E, T) rad, forward
     positive; POWERS (E, T) W, of actuators, absolute and positive, of all and of the
-    retraction alone; loads. None: not recorded.
+    retraction alone; ground_force (E, T, 2) N, normal, mean over a control step; loads. None: not recorded.
     """
 
     features: Floats
@@ -75,6 +75,7 @@ class Gait:
     positive_power: Floats | None = None
     retraction_power: Floats | None = None
     positive_retraction_power: Floats | None = None
+    ground_force: Floats | None = None
     loads: GaitLoads | None = None
 
     @property

@@ -29,6 +29,20 @@ LOAD_MEASURES = (
 """Columns of gait.csv."""
 
 
+def peak_force(ground_force: Floats, valid: Bools) -> float:
+    """Largest force under a foot in a stance, mean over the stances that begin and end among the valid steps, N.
+
+    ground_force (E, T, 2) N, means over a control step, which are a few percent below what the peak itself is.
+    """
+    peaks = []
+    for episode, mask in zip(ground_force, valid, strict=True):
+        for foot in episode[mask].T:
+            edges = np.diff((foot > 0).astype(int))
+            starts, ends = np.flatnonzero(edges > 0) + 1, np.flatnonzero(edges < 0) + 1
+            peaks += [foot[start : ends[ends > start][0]].max() for start in starts if (ends > start).any()]
+    return _mean(np.array(peaks))
+
+
 def describe_loads(loads: GaitLoads | None, valid: Bools, dt: float) -> dict[str, float]:
     """LOAD_MEASURES, nan where no loads were recorded."""
     nan = float("nan")

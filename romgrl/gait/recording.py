@@ -18,6 +18,7 @@ SOURCES = {
     "contact": "contact",
     "trunk_lean": "trunk_lean",
     **{power: power for power in POWERS},
+    "ground_force": "ground_force",
 }
 """What a gait has, by the entry of an environment's `info` that it comes from, where there is one."""
 

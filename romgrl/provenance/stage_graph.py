@@ -109,6 +109,17 @@ STAGES: dict[str, Stage] = {
         drawn=True,
         optional=True,
     ),
+    "library": Stage(
+        "references of a teacher over its speeds and stiffnesses",
+        "romgrl.stages.library:run",
+        ("teacher",),
+        ("library", "rom", "teacher", *BODY, "reference", "seed"),
+        knobs={"seed": "s"},
+        tables={"library.csv": ()},
+        metrics="romgrl.report.library_table:library_metrics",
+        printed="romgrl.report.library_table:library_tables",
+        optional=True,
+    ),
 }
 ACTIONS = {
     "watch": "see a walker, trained or in training",

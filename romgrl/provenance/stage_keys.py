@@ -43,7 +43,7 @@ def stage_settings(stage: str, config: Config) -> dict[str, Any]:
         value = value_of(config, key)
         nested = hasattr(value, "__dataclass_fields__")
         settings |= {f"{key}.{name}": item for name, item in asdict(value).items()} if nested else {key: value}
-    if stage == "teacher":  # of a range, it is the same whichever of it is asked for later
+    if stage in ("teacher", "library"):  # of a range, both are the same whichever of it is asked for later
         for name, of in (("speed", "speeds"), ("stiffness_share", "stiffness_shares")):
             if settings[f"teacher.{of}"] is not None:
                 del settings[f"teacher.{name}"]

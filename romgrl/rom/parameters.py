@@ -68,6 +68,7 @@ class VariableLegParameters(SpringLegParameters):
     See cpp/rom/leg_motor.hpp for the equations, and the configuration group `rom` for the keys.
     """
 
+    retraction: float = 0.0  # the motors lift the feet
     extension_limit: float = 1.15  # above longest_rest: a leg that pushes ends on its spring, not on a stop
     motor_force: float = _default("motor_force")
     motor_speed: float = _default("motor_speed")

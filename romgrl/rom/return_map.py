@@ -8,8 +8,8 @@ bit; the crossing is interpolated within a substep.
 
 A state on the section has as coordinates the trunk (x and the last touchdown's x, both relative to the foot; y;
 velocities; pitch if it is free), the feet (y, velocities), and of each leg the motor's torque, the shortening and the
-last touchdown angle, with motors in the legs the extension, its rate and the drive, too. The clock and the action that
-is held go with the world and are no coordinates.
+last touchdown angle, with motors in the legs the extension, its rate and the drive, too, and the time since the last
+touchdown. The clock and the action that is held go with the world and are no coordinates.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from gymnasium.spaces import flatdim
 from numpy.typing import NDArray
 
 from romgrl.rom import _core
-from romgrl.rom.parameters import SpringLegParameters, VariableLegParameters
+from romgrl.rom.parameters import Commands, SpringLegParameters, VariableLegParameters
 from romgrl.rom.vector_env import SpringLegVectorEnv
 
 Array = NDArray[np.float64]
@@ -37,6 +37,7 @@ ORIGIN, TOUCHDOWN_X, LEFT_SLOT = 19, 20, 18
 FOOT = {"y": 1, "vx": 3, "vy": 4}  # from the first column of a foot: 6 or 12
 LEG = {"torque": 0, "shortening": 1, "touchdown_angle": 2}  # from the first column of a leg: cpp/rom/world_state.hpp
 MOTOR = {"extension": 4, "extension_rate": 5, "drive": 6}
+AGE = {"touchdown_age": 23}
 SIDES = ("left", "right")
 
 
@@ -83,7 +84,7 @@ class StrideMap:
         policy: Policy,
         parameters: SpringLegParameters,
         *,
-        speed: float,
+        speed: float | Commands,
         control_frequency: float,
         threads: int = 1,
     ) -> None:
@@ -93,8 +94,12 @@ class StrideMap:
         self.frequency = control_frequency * self.substeps
         self.names = (*TRUNK, *(() if parameters.trunk_locked else PITCH), "touchdown_x")
         self.names += tuple(f"{side}_foot_{name}" for side in SIDES for name in FOOT)
-        self.leg = LEG | (MOTOR if isinstance(parameters, VariableLegParameters) else {})
+        motors = isinstance(parameters, VariableLegParameters)
+        self.leg, self.clock = LEG | (MOTOR if motors else {}), AGE if motors else {}
+        if parameters.retraction == 0:  # what is shortened stays so, a multiplier of one that says nothing
+            self.leg = {name: column for name, column in self.leg.items() if name != "shortening"}
         self.names += tuple(f"{side}_{name}" for side in SIDES for name in self.leg)
+        self.names += tuple(self.clock)
 
     @property
     def scales(self) -> Array:
@@ -102,7 +107,14 @@ class StrideMap:
         length, torque = self.parameters.leg_length, self.parameters.hip_torque
         speed = np.sqrt(GRAVITY * length)
         endings = {"extension_rate": speed, "shortening": length, "extension": length, "torque": torque}
-        endings |= {"_x": length, "_y": length, "_vx": speed, "_vy": speed, "_rate": speed / length}
+        endings |= {
+            "_age": length / speed,
+            "_x": length,
+            "_y": length,
+            "_vx": speed,
+            "_vy": speed,
+            "_rate": speed / length,
+        }
         return np.array([next((v for end, v in endings.items() if name.endswith(end)), 1.0) for name in self.names])
 
     def settled(self, worlds: int, *, strides: int, seed: int) -> Crossing:
@@ -156,6 +168,8 @@ class StrideMap:
         for name, column in {**TRUNK, **PITCH}.items():
             states[:, column] += named.get(name, 0.0) * (-1 if name in PITCH else 1)  # saved counter-clockwise
         states[:, TOUCHDOWN_X] += named["touchdown_x"]
+        for name, column in self.clock.items():
+            states[:, column] = np.maximum(states[:, column] + named[name], 0.0)
         rows = np.arange(len(states))
         for side, name in enumerate(SIDES):
             for ending, column in FOOT.items():
@@ -176,7 +190,8 @@ class StrideMap:
         pitch = [] if self.parameters.trunk_locked else [-states[:, column] for column in PITCH.values()]
         touchdown = states[:, TOUCHDOWN_X] - states[:, ORIGIN] - states[rows, left]
         gap = states[rows, left] - states[rows, right]
-        return np.stack([*trunk, *pitch, touchdown, *feet, *legs], axis=1), gap
+        clock = [states[:, column] for column in self.clock.values()]
+        return np.stack([*trunk, *pitch, touchdown, *feet, *legs, *clock], axis=1), gap
 
     def _worlds(self, number: int) -> SpringLegVectorEnv:
         return SpringLegVectorEnv(
@@ -195,5 +210,5 @@ def _foot(states: Array, side: int) -> NDArray[np.int64]:
     return np.asarray(6 + 6 * (slot if side == 0 else 1 - slot))
 
 
-RETURN_MAPS = {"spring_leg": StrideMap}
+RETURN_MAPS = {"spring_leg": StrideMap, "variable_leg": StrideMap}
 """By `rom.model`; one that is missing here has no Floquet multipliers."""

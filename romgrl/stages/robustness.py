@@ -20,15 +20,13 @@ from romgrl.humanoid.model import configured
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 from romgrl.report.fall_rate_figure import fall_rates
 from romgrl.report.style import save
-from romgrl.rom.return_map import RETURN_MAPS, StrideMap
 from romgrl.runtime.stage_log import StageLog
 from romgrl.stages.rollouts.disturbed import Outcome, Start, disturb, walk_in
 from romgrl.stages.rollouts.orbital_stability import teacher_multipliers, verdict
 from romgrl.stages.wiring.artifact_arrays import WALKERS
 from romgrl.stages.wiring.humanoid import humanoid_env
-from romgrl.stages.wiring.rom import rom_env
 from romgrl.stages.wiring.seeds import ROBUSTNESS_SEED
-from romgrl.stages.wiring.teacher_policy import read_teacher
+from romgrl.stages.wiring.teacher_strides import teacher_strides
 from romgrl.stages.wiring.walker_policy import read_walker
 
 STRIDE_TIME = 1.0  # s that hold a stride at any speed: a disturbance begins at a random time within them
@@ -60,23 +58,6 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
     orbit = teacher_multipliers(strides, config.robustness.orbit_worlds, config.seed)
     orbit.to_csv(output / "floquet.csv", index=False)
     log.message(verdict(orbit))
-
-
-def teacher_strides(config: Config, directory: Path) -> StrideMap | None:
-    """The strides of the teacher's reduced-order model; None where it has no return map."""
-    return_map = RETURN_MAPS.get(config.rom.model)
-    if return_map is None:
-        return None
-    env = rom_env(config, num_envs=1, episode_steps=1)
-    policy = read_teacher(directory, config, env)
-    env.close()
-    return return_map(
-        policy,
-        env.parameters,
-        speed=config.teacher.speed,
-        control_frequency=config.humanoid.control_frequency,
-        threads=config.threads,
-    )
 
 
 def measure(config: Config, inputs: Mapping[str, Path], log: StageLog) -> pd.DataFrame:

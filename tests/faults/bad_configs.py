@@ -254,6 +254,7 @@ MISFITS = (
     ("teacher.speeds", "teacher=pretrained teacher.speeds=[2,5]"),
     ("teacher.command_steps", "teacher.command_steps=60"),
     ("teacher.algorithm", "teacher=cmaes rom=running"),
+    ("library.stiffness_shares", "stage=library teacher=variable_running library.stiffness_shares=[0.5,1]"),
     ("teacher.speeds", "teacher=cmaes teacher.speeds=[2,4]"),
     ("teacher.pretrained", "teacher=cmaes teacher.pretrained=true"),
     ("eta", "comparison=same_resets eta=0.5"),

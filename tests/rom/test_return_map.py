@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from romgrl.rom.parameters import SpringLegParameters
+from romgrl.rom.parameters import SpringLegParameters, VariableLegParameters
+from romgrl.rom.phase_policy import MEAN, PhasePolicy
 from romgrl.rom.return_map import StrideMap
 from romgrl.rom.vector_env import SpringLegVectorEnv
 from tests.helpers.rom_worlds import WALKER
@@ -79,6 +80,30 @@ def test_a_disturbance_moves_each_coordinate_by_itself(locked: bool) -> None:
     assert ("pitch" in stride.names) is not locked
     again = stride.walk(stride.disturbed(walkers, 0 * offsets))
     np.testing.assert_array_equal(again.coordinates, stride.walk(walkers).coordinates)
+
+
+def test_legs_with_motors_have_a_clock_and_no_shortening() -> None:
+    """A disturbance moves each coordinate by itself, a drive beyond what a policy asks for, too."""
+    stride = StrideMap(PhasePolicy(MEAN), VariableLegParameters(engine="native"), speed=4.0, control_frequency=30.0)
+    names = stride.names
+    assert {"touchdown_age", "left_extension", "right_extension_rate", "left_drive"} <= set(names)
+    assert not any("shortening" in name for name in names)
+    assert any("shortening" in name for name in strides().names)
+    assert len(stride.scales) == len(names)
+    end = stride.settled(64, strides=1, seed=3)
+    crossed = np.isfinite(end.time)
+    assert crossed.sum() > 8
+    walkers, before = end.walkers.rows(crossed), end.coordinates[crossed]
+    plain, _ = stride._motion(walkers.states)
+    assert before.shape[1] == len(names)
+    for index in range(len(names)):
+        offsets = np.zeros_like(before)
+        offsets[:, index] = 0.03
+        moved, _ = stride._motion(stride.disturbed(walkers, offsets).states)
+        np.testing.assert_allclose((moved - plain)[:, index], 0.03, atol=1e-12)
+    offsets = np.zeros_like(before)
+    offsets[:, names.index("left_drive")] = 0.5
+    assert stride.walk(stride.disturbed(walkers, offsets)).coordinates.shape == before.shape
 
 
 def test_who_falls_has_no_crossing() -> None:

@@ -1,0 +1,57 @@
+"""The library of a teacher's gaits as the table that ends a run, and as numbers of it."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+from rich.table import Table
+
+from romgrl.gait import human_bands
+from romgrl.report.numbers import UNKNOWN, significant
+from romgrl.report.terminal_tables import Rows, number, read_rows
+
+LIBRARY_TABLE = "library.csv"
+SHOWN = {
+    "speed_m_per_s": "asked [m/s]",
+    "stiffness_share": "stiffness",
+    "steady_speed_m_per_s": "speed [m/s]",
+    "falls": "falls",
+    "stride_frequency_hz": "strides [Hz]",
+    "duty_factor": "duty factor",
+    "pelvis_excursion_m": "excursion [m]",
+    "peak_force_body_weights": "peak force [body weights]",
+    "positive_work_j_per_kg_m": "work [J/kg/m]",
+    "multiplier": "multiplier",
+}
+"""Columns of the table, by those of library.csv."""
+
+
+def library_tables(library: Path) -> list[Table]:
+    """A row for each cell: what it measures, and why it is refused or leaves the human bands."""
+    table = Table(title="Library", title_justify="left")
+    for label in SHOWN.values():
+        table.add_column(label, justify="right")
+    table.add_column("fit")
+    for row in read_rows(library / LIBRARY_TABLE):
+        values = [significant(number(row[name])) if name in row else UNKNOWN for name in SHOWN]
+        table.add_row(*values, said_of(row))
+    return [table]
+
+
+def said_of(row: dict[str, str]) -> str:
+    """Why a cell is refused, or which human bands it leaves."""
+    if row["fit"] != "True":
+        return row["reason"]
+    values = {name: number(value) for name, value in row.items()}
+    off = human_bands.outside(values, values["speed_m_per_s"])
+    return f"yes; not human: {', '.join(off)}" if off else "yes"
+
+
+def library_metrics(library: Path) -> dict[str, float]:
+    """How many cells there are, which share of them is fit, and the largest multiplier of those."""
+    rows: Rows = read_rows(library / LIBRARY_TABLE)
+    fit = [row for row in rows if row["fit"] == "True"]
+    multipliers = [value for row in fit if math.isfinite(value := number(row.get("multiplier", "")))]
+    found = {"cells": float(len(rows)), "fit_percent": 100.0 * len(fit) / len(rows)}
+    return found | ({"largest_multiplier": max(multipliers)} if multipliers else {})

@@ -1,0 +1,131 @@
+"""Library: references of one teacher over its speeds and stiffnesses, each checked and measured (`stage=library`)."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from romgrl.artifacts import load_arrays, save_arrays
+from romgrl.artifacts.checkpoint import CHECKPOINT
+from romgrl.config.schema import Config
+from romgrl.errors import ArtifactError
+from romgrl.gait.features import CHANNELS, Gait
+from romgrl.gait.load_metrics import peak_force
+from romgrl.gait.metrics import GRAVITY, describe
+from romgrl.gait.reference_check import check_reference
+from romgrl.runtime.stage_log import StageLog
+from romgrl.stages.rollouts.orbital_stability import teacher_multipliers
+from romgrl.stages.rollouts.teacher import roll_out_teacher
+from romgrl.stages.wiring.rom import rom_parameters
+from romgrl.stages.wiring.teacher_strides import teacher_strides
+
+Cell = dict[str, NDArray[Any]]
+
+
+def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog) -> None:
+    """Write library.csv, a row for each cell, refused ones with the reason, and library.npz, what each looks like.
+
+    library.npz: features (C, T, 5) m, episode (C, T), contact (C, T, 2) and velocity (C, T) m/s of `reference.steps`
+    steps, nan and -1 where an episode fell before; dt s. A cell that is finished survives an interruption.
+    """
+    cells = library_cells(config)
+    kept = output / CHECKPOINT
+    kept.mkdir(exist_ok=True)
+    rows, arrays = [], []
+    for number, at in enumerate(cells):
+        found = finished_cell(kept / f"cell_{number:04d}.npz")
+        if found is None:
+            found = make_cell(at, inputs["teacher"])
+            save_arrays(kept / f"cell_{number:04d}.npz", found)
+        row = json.loads(str(found.pop("row")))
+        rows.append(row)
+        arrays.append(found)
+        log.progress(number + 1, len(cells), speed=row["speed_m_per_s"], fit=sum(row["fit"] for row in rows))
+    table = pd.DataFrame(rows)
+    table.to_csv(output / "library.csv", index=False)
+    names: Cell = {"channels": np.array(CHANNELS), "dt": np.array(1.0 / config.humanoid.control_frequency)}
+    save_arrays(output / "library.npz", {name: np.stack([each[name] for each in arrays]) for name in arrays[0]} | names)
+    log.message(f"{int(table.fit.sum())} of {len(table)} cells are fit to be imitated")
+
+
+def library_cells(config: Config) -> list[Config]:
+    """The configuration of each cell: speeds that are multiples of a step within the range, and each stiffness."""
+    teacher, step = config.teacher, config.library.speed_step
+    speeds = [teacher.speed]
+    if teacher.speeds is not None:
+        low, high = teacher.speeds
+        first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
+        speeds = [number * step for number in range(first, last + 1)] or [low]
+    shares = [teacher.stiffness_share] if teacher.stiffness_shares is None else config.library.stiffness_shares
+    return [
+        replace(config, teacher=replace(teacher, speed=speed, stiffness_share=share))
+        for speed in speeds
+        for share in shares
+    ]
+
+
+def finished_cell(path: Path) -> Cell | None:
+    """What an interrupted attempt left of a cell; None where there is nothing, or nothing whole."""
+    try:
+        return load_arrays(path) if path.is_file() else None
+    except ArtifactError:
+        return None
+
+
+def make_cell(config: Config, teacher: Path) -> Cell:
+    """The reference of a cell, and its row of the table as JSON."""
+    gait = roll_out_teacher(teacher, config)
+    assert gait.velocity is not None
+    assert gait.contact is not None
+    row = cell_row(config, gait, teacher)
+    steps, valid = config.reference.steps, gait.valid
+    arrays = {
+        "features": filled(gait.features[valid], steps, np.nan),
+        "velocity": filled(gait.velocity[valid], steps, np.nan),
+        "contact": filled(gait.contact[valid], steps, False),
+        "episode": filled(np.nonzero(valid)[0].astype(np.int32), steps, -1),
+    }
+    return arrays | {"row": np.array(json.dumps(row))}
+
+
+def filled(values: NDArray[Any], steps: int, missing: Any) -> NDArray[Any]:
+    """The first `steps` of values (N, ...); what lacks is `missing`."""
+    whole = np.full((steps, *values.shape[1:]), missing, values.dtype)
+    whole[: len(values)] = values[:steps]
+    return whole
+
+
+def cell_row(config: Config, gait: Gait, teacher: Path) -> dict[str, Any]:
+    """A row of library.csv."""
+    parameters = rom_parameters(config)
+    row: dict[str, Any] = {
+        "speed_m_per_s": config.teacher.speed,
+        "stiffness_share": config.teacher.stiffness_share,
+        "fit": True,
+        "reason": "",
+    }
+    try:
+        check_reference(gait)
+    except ArtifactError as error:
+        row |= {"fit": False, "reason": str(error)}
+    row |= describe(gait, target_speed=config.teacher.speed, mass=parameters.mass)
+    weight = parameters.mass * GRAVITY
+    force = math.nan if gait.ground_force is None else peak_force(gait.ground_force, gait.valid)
+    row["peak_force_body_weights"] = force / weight
+    row["positive_work_j_per_kg_m"] = row["positive_power_w_per_kg"] / max(row["steady_speed_m_per_s"], 0.1)
+    strides = teacher_strides(config, teacher)
+    if strides is not None:
+        last = teacher_multipliers(strides, config.library.orbit_worlds, config.seed).query("rank == 1").iloc[-1]
+        row |= {
+            f"multiplier{name}": float(last[of]) for name, of in {"": "modulus", "_low": "low", "_high": "high"}.items()
+        }
+        row["orbit"] = str(last.verdict)
+    return row
