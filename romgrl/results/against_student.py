@@ -24,7 +24,18 @@ from romgrl.results.sweep_record import Sweep, settings
 from romgrl.results.text_table import BRACKETS, mean_text
 
 FAIR, KEY = "fair", "comparison"  # the sweep, and what its jobs differ in
-STUDENT, BASELINE, WITHOUT_IMITATION = "student", "baseline", "same_choice"
+STUDENT, BASELINE = "student", "baseline"
+WORTH = {
+    "same_choice": (
+        "What the imitation alone is worth",
+        "which has its resets, the same choice of the policy and no imitation",
+    ),
+    "sinusoid": (
+        "What the reduced-order model is worth beside cosines of its cadence and amplitudes",
+        "which was taught by these",
+    ),
+}
+"""The walkers that lack one thing which the student has: what that is worth, and who they are."""
 NUMBERS_FILE = "against_student.csv"
 SAID = (
     f"Error over variance, mean of the channels (a statue has 1); {BRACKETS}. Exact one-sided p that the student's is "
@@ -61,7 +72,7 @@ def write_against_student(sweep: Sweep, found: Sequence[JobResult], directory: P
         if compared:
             text += [f"### In the student's place{f', {other}' if other else ''}", "", SAID, ""]
             text += [markdown(walkers_table(walkers, compared))]
-        text += worth_of_imitation(walkers)
+        text += worth_of_each(walkers)
     if rows:
         pd.DataFrame(rows).to_csv(directory / NUMBERS_FILE, index=False)
     return text
@@ -190,13 +201,18 @@ def both_known(ours: Sequence[float], theirs: Sequence[float]) -> tuple[list[flo
     return [mine for mine, _ in pairs], [other for _, other in pairs]
 
 
-def worth_of_imitation(walkers: Mapping[str, Mapping[int, JobResult]]) -> list[str]:
-    """A sentence: the student's error against that of a training without imitation; none where one is missing, or the
-    student has none in a seed."""
-    if not {STUDENT, WITHOUT_IMITATION} <= walkers.keys():
+def worth_of_each(walkers: Mapping[str, Mapping[int, JobResult]]) -> list[str]:
+    """A sentence for each of WORTH: the student's error against that of a training without it; none where one is
+    missing, or the student has none in a seed."""
+    return [line for name, said in WORTH.items() for line in worth(walkers, name, *said)]
+
+
+def worth(walkers: Mapping[str, Mapping[int, JobResult]], name: str, what: str, who: str) -> list[str]:
+    """What something is worth: the student's error against that of the walker `name`, who lacks it."""
+    if not {STUDENT, name} <= walkers.keys():
         return []
-    seeds = shared_seeds(walkers[STUDENT], walkers[WITHOUT_IMITATION])
-    every = [errors(walkers[name], AVERAGE, seeds) for name in (STUDENT, WITHOUT_IMITATION)]
+    seeds = shared_seeds(walkers[STUDENT], walkers[name])
+    every = [errors(walkers[each], AVERAGE, seeds) for each in (STUDENT, name)]
     ours, theirs = both_known(*every)
     pairs = len(ours)
     if not pairs or any(map(math.isnan, every[0])):
@@ -206,8 +222,7 @@ def worth_of_imitation(walkers: Mapping[str, Mapping[int, JobResult]]) -> list[s
     mine, other = (significant(float(np.mean(values))) for values in (ours, theirs))
     ends = "95 % interval in brackets" if pairs >= FEWEST_SEEDS else f"range in parentheses, {TOO_FEW}"
     return [
-        f"What the imitation alone is worth: the student's error over variance is {mine}, that of {WITHOUT_IMITATION}, "
-        f"which has its resets, the same choice of the policy and no imitation, {other}; difference by seed "
+        f"{what}: the student's error over variance is {mine}, that of {name}, {who}, {other}; difference by seed "
         f"{mean_text(difference)} ({ends}), exact "
         f"one-sided p = {significant(p)}, {pairs} pair{'s' if pairs > 1 else ''} of {seeds_told(seeds)}.",
         "",

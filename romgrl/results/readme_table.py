@@ -14,7 +14,7 @@ from romgrl.gait.null_models import AVERAGE, MEAN_ERROR, OVER_VARIANCE, REDUCTIO
 from romgrl.report.numbers import UNKNOWN, fixed
 from romgrl.report.style import CHANNEL_LABELS
 from romgrl.report.tables import DISTANCE_LABELS, markdown
-from romgrl.results.against_student import FAIR, by_walker, walkers_table, with_student, worth_of_imitation
+from romgrl.results.against_student import FAIR, by_walker, walkers_table, with_student, worth_of_each
 from romgrl.results.results_document import CLAIMED, merged
 from romgrl.results.seed_groups import CHOSEN, HELD_OUT, group_of
 from romgrl.results.sweep_cells import SEED_KEY, JobResult, by_cell, headline_jobs, note, number_row, results
@@ -113,7 +113,7 @@ def fair_table(outputs: Path) -> list[str]:
                 shown = [column for column in FAIR_COLUMNS if column in table]
                 where = f" On {sweep.on}, other bits and so other trainings, the same way" if sweep.on else FAIR_SAID
                 title = f"{where}; {other}:" if other else f"{where}:"
-                text += [title, "", markdown(table[shown]), *worth_of_imitation(walkers)]
+                text += [title, "", markdown(table[shown]), *worth_of_each(walkers)]
     return text
 
 

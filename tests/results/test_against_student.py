@@ -111,6 +111,15 @@ def test_no_sentence_where_one_is_missing(tmp_path: Path) -> None:
     assert "worth" not in said(jobs("student", STUDENTS) + jobs("same_choice", [math.nan] * 5), tmp_path)
 
 
+def test_what_the_model_is_worth_beside_cosines(tmp_path: Path) -> None:
+    worse = [value + 0.1 for value in STUDENTS]
+    text = said(jobs("student", STUDENTS) + jobs("sinusoid", worse), tmp_path)
+    (sentence,) = [line for line in text.splitlines() if "is worth" in line]
+    assert sentence.startswith("What the reduced-order model is worth beside cosines of its cadence and amplitudes: ")
+    assert "difference by seed -0.1 [-0.1, -0.1]" in sentence
+    assert "p = 0.0312, 5 pairs" in sentence
+
+
 def test_a_walker_without_an_error_does_not_drop_out_silently(tmp_path: Path) -> None:
     """Means of common seeds, how many are without, and neither p nor sentence where the student is one of them."""
     lost = [math.nan, *STUDENTS[1:]]
