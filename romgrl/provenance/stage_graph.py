@@ -118,6 +118,7 @@ STAGES: dict[str, Stage] = {
         tables={"library.csv": ()},
         metrics="romgrl.report.library_table:library_metrics",
         printed="romgrl.report.library_table:library_tables",
+        drawn=True,
         optional=True,
     ),
 }

@@ -21,6 +21,8 @@ from romgrl.gait.features import CHANNELS, Gait
 from romgrl.gait.load_metrics import peak_force
 from romgrl.gait.metrics import GRAVITY, describe
 from romgrl.gait.reference_check import check_reference
+from romgrl.report.gait_atlas import gait_atlas
+from romgrl.report.style import save
 from romgrl.runtime.stage_log import StageLog
 from romgrl.stages.rollouts.orbital_stability import teacher_multipliers
 from romgrl.stages.rollouts.teacher import roll_out_teacher
@@ -31,7 +33,7 @@ Cell = dict[str, NDArray[Any]]
 
 
 def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog) -> None:
-    """Write library.csv, a row for each cell, refused ones with the reason, and library.npz, what each looks like.
+    """Write library.csv, a row for each cell, refused ones with the reason, the figure gait_atlas, and library.npz.
 
     library.npz: features (C, T, 5) m, episode (C, T), contact (C, T, 2) and velocity (C, T) m/s of `reference.steps`
     steps, nan and -1 where an episode fell before; dt s. A cell that is finished survives an interruption.
@@ -53,6 +55,7 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
     table.to_csv(output / "library.csv", index=False)
     names: Cell = {"channels": np.array(CHANNELS), "dt": np.array(1.0 / config.humanoid.control_frequency)}
     save_arrays(output / "library.npz", {name: np.stack([each[name] for each in arrays]) for name in arrays[0]} | names)
+    save(gait_atlas(table), output, "gait_atlas")
     log.message(f"{int(table.fit.sum())} of {len(table)} cells are fit to be imitated")
 
 

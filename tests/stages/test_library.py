@@ -74,6 +74,7 @@ def test_refused_cells_stay_in_the_table_with_the_reason(falling: tuple[Config, 
     assert (np.isfinite(arrays["features"]).all(axis=2) == whole).all()
     assert 0 < whole.sum() < whole.size
     assert library_metrics(output) == {"cells": 4.0, "fit_percent": 0.0}
+    assert (output / "gait_atlas.png").stat().st_size > 10_000
     (shown,) = library_tables(output)
     assert shown.row_count == 4
 
