@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from romgrl.gait import human_bands
 from romgrl.report.style import BASELINE, FAINT, INK, OTHERS, STUDENT, TEACHER, dress, new_figure
 
-PANELS = {
+MEASURED_CELLS = {
     "steady_speed_m_per_s": "speed held [m/s]",
     "stride_frequency_hz": "stride frequency [Hz]",
     "duty_factor": "duty factor",
@@ -35,7 +35,7 @@ def gait_atlas(table: pd.DataFrame) -> Figure:
     colors = dict(
         zip(sorted(table.stiffness_share.unique()), cycle((STUDENT, TEACHER, BASELINE, *OTHERS)), strict=False)
     )
-    for axes, (name, label) in zip(figure.subplots(2, 4).flat, PANELS.items(), strict=True):
+    for axes, (name, label) in zip(figure.subplots(2, 4).flat, MEASURED_CELLS.items(), strict=True):
         dress(axes, title=label, xlabel="speed asked for [m/s]")
         draw_bands(axes, name, table.speed_m_per_s)
         for share, rows in table.groupby("stiffness_share") if name in table else ():
