@@ -28,12 +28,15 @@ SHOWN = {
 
 
 def library_tables(library: Path) -> list[Table]:
-    """A row for each cell: what it measures, and why it is refused or leaves the human bands."""
+    """A row for each cell: what it measures, and why it is refused or leaves the human bands; none without any."""
+    rows = read_rows(library / LIBRARY_TABLE)
+    if not rows:
+        return []
     table = Table(title="Library", title_justify="left")
     for label in SHOWN.values():
         table.add_column(label, justify="right")
     table.add_column("fit")
-    for row in read_rows(library / LIBRARY_TABLE):
+    for row in rows:
         values = [significant(number(row[name])) if name in row else UNKNOWN for name in SHOWN]
         table.add_row(*values, said_of(row))
     return [table]
@@ -49,8 +52,10 @@ def said_of(row: dict[str, str]) -> str:
 
 
 def library_metrics(library: Path) -> dict[str, float]:
-    """How many cells there are, which share of them is fit, and the largest multiplier of those."""
+    """How many cells there are, which share of them is fit, and the largest multiplier of those; none without any."""
     rows: Rows = read_rows(library / LIBRARY_TABLE)
+    if not rows:
+        return {}
     fit = [row for row in rows if row["fit"] == "True"]
     multipliers = [value for row in fit if math.isfinite(value := number(row.get("multiplier", "")))]
     found = {"cells": float(len(rows)), "fit_percent": 100.0 * len(fit) / len(rows)}
