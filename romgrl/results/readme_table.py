@@ -111,7 +111,7 @@ def fair_table(outputs: Path) -> list[str]:
             if compared := with_student(walkers):
                 table = walkers_table(walkers, compared)
                 shown = [column for column in FAIR_COLUMNS if column in table]
-                where = f" On {sweep.on}, other bits and so other trainings, the same way" if sweep.on else FAIR_SAID
+                where = f"On {sweep.on}, other bits and so other trainings, the same way" if sweep.on else FAIR_SAID
                 title = f"{where}; {other}:" if other else f"{where}:"
                 text += [title, "", markdown(table[shown]), *worth_of_each(walkers)]
     return text
