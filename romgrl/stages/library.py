@@ -62,6 +62,8 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
 def library_cells(config: Config) -> list[Config]:
     """The configuration of each cell: speeds that are multiples of a step within the range, and each stiffness."""
     teacher, step = config.teacher, config.library.speed_step
+    if teacher.speeds is None and teacher.stiffness_shares is None:
+        return [config]
     speeds = [teacher.speed]
     if teacher.speeds is not None:
         low, high = teacher.speeds
