@@ -42,7 +42,7 @@ struct StepArrays {
 inline void write_power(const Parameters& parameters, const Work& work, int world, const StepArrays& arrays) {
     const auto mean = [&parameters](double joules) { return static_cast<float>(joules * parameters.control_frequency); };
     arrays.power[world] = mean(work.hip + work.retraction + work.leg_motor);
-    arrays.positive_power[world] = mean(work.positive_hip + work.positive_retraction + work.positive_leg_motor);
+    arrays.positive_power[world] = mean(work.positive());
     arrays.retraction_power[world] = mean(work.retraction);
     arrays.positive_retraction_power[world] = mean(work.positive_retraction);
     arrays.leg_motor_power[world] = mean(work.leg_motor);

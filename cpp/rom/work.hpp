@@ -9,6 +9,8 @@ struct Work {
     double hip = 0.0, positive_hip = 0.0;  // absolute values summed over legs and substeps, and the positive ones alone
     double retraction = 0.0, positive_retraction = 0.0;
     double leg_motor = 0.0, positive_leg_motor = 0.0;
+
+    double positive() const { return positive_hip + positive_retraction + positive_leg_motor; }
 };
 
 }  // namespace romgrl

@@ -35,18 +35,17 @@ FAIR_SAID = (
     "sided, that the student's error is smaller, of the channel in which that is least sure; uncorrected, "
     "docs/results.md has Holm's, and the seeds without an error"
 )
-OWN_BASELINES = (
-    "paper_settings",
+OTHER_SETTINGS = (
     "paper_discriminator",
     "humenv",
-)  # sweeps of one walker each, by their names in sweeps/
+)  # sweeps of students that are not the default's, by their names in sweeps/
 OTHER_NUMBERS = (
     "student/error_over_variance",
     "student/falls_percent",
     "student/steady_speed_m_per_s",
     "student/stride_frequency_deviation_percent",
 )
-OTHER_SAID = f"Other settings than the defaults, each a stored sweep with baselines of its own; {BRACKETS}:"
+OTHER_SAID = f"Other settings than the defaults, each a stored sweep; {BRACKETS}:"
 START, END = "<!-- results -->", "<!-- end of results -->"
 GAIT = {
     "falls_percent": ("episodes of 33 s with a fall [%]", 1),
@@ -118,10 +117,10 @@ def fair_table(outputs: Path) -> list[str]:
 
 
 def others_table(outputs: Path) -> list[str]:
-    """What students of other settings came to, a row per cell of the sweeps of OWN_BASELINES; nothing without any."""
+    """What students of other settings came to, a row per cell of the sweeps of OTHER_SETTINGS; nothing without any."""
     rows = []
     for sweep in merged(sweeps(outputs)):
-        found = results(sweep, outputs) if sweep.name in OWN_BASELINES else []
+        found = results(sweep, outputs) if sweep.name in OTHER_SETTINGS else []
         for cell in by_cell(headline_jobs(found)):
             varied = (f"{key}={value}" for key, value in cell[0].swept.items() if key != SEED_KEY)
             row = {"settings": ", ".join([sweep.name, *varied])}

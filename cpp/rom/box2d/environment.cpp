@@ -46,9 +46,7 @@ Outcome Environment::step(const float* action) {
     }
     const double velocity = (walker_.x() - start) * parameters_.control_frequency;
     outcome.forward_velocity = static_cast<float>(velocity);
-    const Work& work = walker_.work();
-    const double power =
-        (work.positive_hip + work.positive_retraction + work.positive_leg_motor) * parameters_.control_frequency;
+    const double power = walker_.work().positive() * parameters_.control_frequency;
     outcome.reward = static_cast<float>(reward(parameters_, episode_.speed, velocity, power));
     outcome.terminated = fallen(parameters_, walker_.y(), walker_.pitch());
     outcome.truncated = !outcome.terminated && episode_.steps >= parameters_.episode_steps;

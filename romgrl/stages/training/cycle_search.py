@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from romgrl.algorithms.divergence import check_physics
 from romgrl.config.teachers import CMAESTeacher
+from romgrl.gait.metrics import GRAVITY
 from romgrl.rom.interface import RomVectorEnv
 from romgrl.rom.phase_policy import DEVIATION, MEAN, PhasePolicy
 
@@ -77,7 +78,7 @@ class CycleSearch:
         self.best = MEAN.copy()
         names = list(env.observation_names)
         self._side, self._age = names.index("last_touchdown_side"), names.index("time_since_touchdown")
-        self._time_unit = float(np.sqrt(env.parameters.leg_length / 9.81))
+        self._time_unit = float(np.sqrt(env.parameters.leg_length / GRAVITY))
 
     def generation(self, number: int) -> dict[str, float]:
         """Try a population and learn from it; what the best of it came to."""
