@@ -222,10 +222,16 @@ def codes(evaluations: Sequence[FinishedEvaluation]) -> int:
     return len({(each.manifest.revision, json.dumps(each.manifest.versions, sort_keys=True)) for each in evaluations})
 
 
+def other_bits(one: FinishedEvaluation, other: FinishedEvaluation) -> bool:
+    """Tell whether two evaluations of the same settings are of the same committed code, and so differ in bits alone."""
+    dirty = one.manifest.dirty or other.manifest.dirty
+    return codes([one, other]) == 1 and one.manifest.revision is not None and not dirty
+
+
 def select(outputs: Path, config: Config) -> Selection:
     """The evaluations whose settings are those of a configuration but for the seed; of two of a seed, the newer one.
 
-    Of other bits of the same settings, kept beside the first, none counts: what was trained first does.
+    Where one and the same code made both, on processors whose bits differ, the first counts: nobody chose it.
     """
     found, left_out = evaluations(outputs)
     by_seed: dict[int, FinishedEvaluation] = {}
@@ -235,8 +241,8 @@ def select(outputs: Path, config: Config) -> Selection:
         if reasons:
             left_out[evaluation.directory] = first_reasons(reasons)
             continue
-        if evaluation.directory.name != evaluation.manifest.key:
-            left_out[evaluation.directory] = "other bits of what was kept first"
+        if seed in by_seed and other_bits(evaluation, by_seed[seed]):
+            left_out[evaluation.directory] = f"other bits of seed {seed}, of the same code; what was made first counts"
             continue
         if seed in by_seed:
             left_out[by_seed[seed].directory] = f"there is a newer one of seed {seed}, made by other code"

@@ -8,6 +8,11 @@ from pathlib import Path
 import pandas as pd
 
 from romgrl.results.__main__ import main
+from romgrl.results.evaluation_index import select
+from romgrl.results.results_document import PAPER, merged
+from romgrl.results.sweep_cells import results
+from romgrl.results.sweep_record import sweeps
+from tests.conftest import Composer
 
 ROOT = Path(__file__).resolve().parents[2]
 NUMBERS = ROOT / "docs" / "numbers"
@@ -26,3 +31,12 @@ def test_documents_are_what_is_kept(tmp_path: Path) -> None:
     for name in sorted(name for name in names if name.endswith(".csv")):
         tables = [pd.read_csv(place / name) for place in (docs / "results", ROOT / "docs" / "results")]
         pd.testing.assert_frame_equal(*tables, rtol=1e-6)
+
+
+def test_verdicts_are_of_the_trainings_that_the_documents_begin_with(compose_config: Composer) -> None:
+    """Those seeds trained again on another processor count in neither: nobody chose between the two."""
+    first = next(sweep for sweep in merged(sweeps(NUMBERS)) if sweep.name == PAPER and not sweep.on)
+    told = {each.evaluation.manifest.digest for each in results(first, NUMBERS) if each.evaluation is not None}
+    selection = select(NUMBERS, compose_config("evaluation=thorough"))
+    assert {each.manifest.digest for each in selection.used} == told
+    assert sum("other bits" in reason for reason in selection.left_out.values()) == len(told) == 5
