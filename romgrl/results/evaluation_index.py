@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from romgrl.artifacts import Manifest, read_manifest
+from romgrl.config.addresses import keeps_numbers
 from romgrl.config.fields import MISSING
 from romgrl.config.schema import Config
 from romgrl.config.values import schema_keys, show
@@ -18,7 +19,7 @@ from romgrl.gait.null_models import OVER_VARIANCE
 from romgrl.provenance.stage_graph import STAGES, upstream_of
 from romgrl.provenance.stage_keys import stage_settings
 from romgrl.report.terminal_tables import number, read_rows, result_metrics, with_falls, with_weakest
-from romgrl.results.kept import open_numbers
+from romgrl.results.kept import open_numbers, order_made
 
 LINEAGE = tuple(stage for stage in STAGES if stage in upstream_of("evaluation") | {"evaluation"})
 SHOWN_DIFFERENCES = 3
@@ -63,7 +64,13 @@ def evaluations(outputs: Path) -> tuple[list[FinishedEvaluation], dict[Path, str
             found.append(read_evaluation(path.parent, known))
         except ArtifactError as error:
             left_out[path.parent] = str(error).partition(": ")[2] or str(error)
-    return sorted(found, key=lambda each: (each.finished_at, each.directory.name)), left_out
+    recorded = order_made(outputs, "evaluation") if keeps_numbers(outputs) else {}
+
+    def age(each: FinishedEvaluation) -> tuple[float, str]:
+        name = each.directory.name
+        return recorded.get(name, len(recorded)) if recorded else each.finished_at, name
+
+    return sorted(found, key=age), left_out
 
 
 def read_evaluation(directory: Path, known: Catalogue) -> FinishedEvaluation:
