@@ -12,6 +12,13 @@ constexpr double kTouch = 1e-4;  // m; feet start this deep in the ground, so th
 constexpr std::uint64_t kCommandDraws = 4;  // index of the first draw of a command; those before it are of the start
 constexpr double kLargestInteger = 9007199254740992.0;  // 2^53
 
+// A leg whose foot rests on the ground while the trunk moves.
+void stand(const Parameters& p, int leg, double angle, Pose& pose) {
+    pose.hip_angle[leg] = angle;
+    pose.leg_rate[leg] = pose.vy * std::cos(angle) - pose.vx * std::sin(angle);
+    pose.hip_rate[leg] = -(pose.vx * std::cos(angle) + pose.vy * std::sin(angle)) / p.leg_length;
+}
+
 }  // namespace
 
 void Episode::restart(std::uint64_t value) {
@@ -37,24 +44,27 @@ bool Episode::take_command(const Parameters& p, double& stiffness_share) {
     return true;
 }
 
-// Anti-phase start at the touchdown of the front foot, which rests; the rear foot moves with the trunk.
+// Start at a touchdown: of the front foot, while the rear one, as far behind, moves with the trunk; or of both together.
 void Episode::begin(const Parameters& p, double* state) {
     const auto draw = [this](std::uint64_t index, double low, double high) {
         return low + (high - low) * uniform(seed, world, number, index);
     };
     begin(p);
     speed = draw(kCommandDraws, p.speed_low, p.speed_high);
-    const double angle = draw(0, p.reset_hip_angle_low, p.reset_hip_angle_high);
-    const double forward = speed * draw(1, p.reset_speed_low, p.reset_speed_high);
+    const double usual = std::sqrt(std::fmax(p.gravity, 1.0) * p.leg_length);
+    const double angle = draw(0, p.reset_hip_angle_low, p.reset_hip_angle_high) * (p.reset_together ? speed / usual : 1.0);
     const int front = draw(2, 0.0, 1.0) < 0.5 ? 0 : 1;
     Pose pose;
     pose.y = p.leg_length * std::cos(angle) + p.foot_radius - kTouch;
-    pose.vx = forward;
+    pose.vx = speed * draw(1, p.reset_speed_low, p.reset_speed_high);
+    pose.vy = -std::sqrt(2.0 * p.gravity * draw(3, p.reset_drop_low, p.reset_drop_high));
     pose.leg_length.fill(p.leg_length);
-    pose.hip_angle[front] = angle;
-    pose.hip_angle[1 - front] = -angle;
-    pose.leg_rate[front] = -forward * std::sin(angle);
-    pose.hip_rate[front] = -forward * std::cos(angle) / p.leg_length;
+    stand(p, front, angle, pose);
+    if (p.reset_together) {
+        stand(p, 1 - front, angle, pose);
+    } else {
+        pose.hip_angle[1 - front] = -angle;
+    }
     pose_state(p, pose, state);
     state[21] = front == 0 ? 1.0 : -1.0;
     state[22] = draw(kCommandDraws + 1, p.stiffness_share_low, p.stiffness_share_high);

@@ -59,6 +59,8 @@ void require_resets(const Parameters& p) {
     in_range("reset_hip_angle[1]", p.reset_hip_angle_high, p.reset_hip_angle_low, p.hip_angle_limit);
     in_range("reset_speed[0]", p.reset_speed_low, -10.0, 10.0);
     in_range("reset_speed[1]", p.reset_speed_high, p.reset_speed_low, 10.0);
+    in_range("reset_drop[0]", p.reset_drop_low, 0.0, 2.0);
+    in_range("reset_drop[1]", p.reset_drop_high, p.reset_drop_low, 2.0);
 }
 
 }  // namespace

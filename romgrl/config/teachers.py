@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from romgrl.config.fields import key
 
+GAITS = ("run", "walk", "hop", "skip")  # of romgrl.gait.footfall
 LONG_RUN = 1_000  # control steps over which a teacher is watched: 33 s, after which runs are steady
 
 TEACHERS: dict[str, type[Teacher]] = {}
@@ -18,6 +19,11 @@ class Teacher:
 
     name: str = key("what it is called; not given: as its preset")
     algorithm: str = key("how it learns; not given: ppo", choices=TEACHERS.keys(), before="ppo")
+    gait: str = key(
+        "what it is to learn: its reference is checked for it, and algorithm=cmaes searches for it",
+        choices=GAITS,
+        before="run",
+    )
     speed: float = key("target speed of the teacher", unit="m/s", low=0, high=10)
     speeds: list[float] | None = key(
         "range of the speeds that worlds are asked for in a training, each episode another, for a teacher of any of "
@@ -123,16 +129,26 @@ def ppo_keys(teacher: Teacher) -> PPOTeacher:
 
 @dataclass
 class CMAESTeacher(Teacher):
-    """CMA-ES over a controller with a clock, for one speed: cycles of the gait in seconds, without a gradient."""
+    """CMA-ES over a controller with a clock: cycles of a gait in seconds, without a gradient."""
 
     generations: int = key("generations of the search", low=1, high=1_000_000)
     population: int = key("controllers of a generation", low=4, high=10_000)
-    rollouts: int = key("worlds that each controller is tried in", low=1, high=10_000)
+    rollouts: int = key(
+        "worlds that each controller is tried in, at each of the speeds and stiffnesses that the search looks at",
+        low=1,
+        high=10_000,
+    )
     search_steps: int = key(
         "control steps of a try; the first generations have a quarter and a half of them", low=40, high=10**6
     )
     limp_cost: float = key(
-        "what the mean reward loses by the deviation of the times between touchdowns, share of their mean",
+        "share of the reward that is lost by the deviation of the times between touchdowns, share of their mean",
+        low=0,
+        high=1000,
+    )
+    flight_cost: float = key(
+        "share of the reward that is lost by the share of the time that the feet are off the ground too long, or not "
+        "long enough, for the gait",
         low=0,
         high=1000,
     )

@@ -77,6 +77,14 @@ class VariableLeg(SpringLeg):
     motor_lag: float = key("time constant of the motor; 0: none", unit="s", low=0, high=100)
     shortest_rest: float = key("shortest rest length, share of leg_length", low=0.05, high=1)
     longest_rest: float = key("longest rest length, share of leg_length", low=1, high=1.5)
+    reset_together: bool = key(
+        "true: both feet touch down at a reset, ahead by reset_hip_angle at a speed of sqrt(g leg_length) and in "
+        "proportion at others; false: one of them, the other one is as far behind",
+        before=False,
+    )
+    reset_drop: list[float] = key(
+        "range of the height that the trunk has fallen by at a reset", unit="m", low=0, high=2, span=True, before=[0, 0]
+    )
 
 
 ROMS["variable_leg"] = VariableLeg

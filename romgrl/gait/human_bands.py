@@ -14,6 +14,7 @@ from functools import cache
 from itertools import groupby, pairwise
 from pathlib import Path
 
+OF_PEOPLE = ("walk", "run")
 TABLE = Path(__file__).with_suffix(".csv")
 POWER = "positive_power_w_per_kg"
 ENERGY = (POWER, "cost_of_transport")

@@ -1,4 +1,4 @@
-"""Is a reference fit to be imitated? It must not fall, hop, slide or drift."""
+"""Is a reference fit to be imitated? It must not fall, have another footfall than asked, slide or drift."""
 
 from __future__ import annotations
 
@@ -6,17 +6,18 @@ import numpy as np
 
 from romgrl.errors import ArtifactError
 from romgrl.gait.features import BODY_Y, LEFT_X, RIGHT_X, Bools, Floats, Gait
+from romgrl.gait.footfall import FOOTFALLS, Footfall
 from romgrl.gait.metrics import left_right_correlation
 
 LOWEST_BODY = 0.7  # of the median body height; a fall ends lower
-HIGHEST_CORRELATION = -0.5  # of left and right foot x; a walker or runner alternates, a hopper does not
 LARGEST_SLIP = 0.1  # of the mean speed; feet that stick show 0.01 to 0.02, the error of differences over a step
 SLOWEST_SLIP_LIMIT = 0.2  # m/s, for slow gaits
 LARGEST_SPEED_TREND = 0.15  # of the mean speed, from the start of an episode to its end; teachers show 0.04 to 0.11
+SLOWEST_TREND = 0.5  # m/s, of which a trend is a share in gaits on the spot
 LARGEST_HEIGHT_TREND = 0.05  # of the mean body height
 
 
-def check_reference(gait: Gait) -> dict[str, float]:
+def check_reference(gait: Gait, footfall: Footfall = FOOTFALLS["run"]) -> dict[str, float]:
     """The measured numbers of a fit reference; ArtifactError with the number and its limit for any other.
 
     `gait` needs velocity and contact, and its valid steps should be the steady part only.
@@ -31,12 +32,7 @@ def check_reference(gait: Gait) -> dict[str, float]:
         raise ArtifactError(
             f"the reference falls: lowest body height {measured['lowest_body']:.2f} of the median, limit {LOWEST_BODY}"
         )
-    measured["left_right_correlation"] = left_right_correlation(gait.features, gait.valid)
-    if not measured["left_right_correlation"] <= HIGHEST_CORRELATION:
-        raise ArtifactError(
-            f"the reference hops: left-right correlation of foot x {measured['left_right_correlation']:.2f}, "
-            f"limit {HIGHEST_CORRELATION}"
-        )
+    measured |= check_footfall(gait, footfall)
     speed = float(np.abs(gait.velocity[gait.valid].mean()))
     slip_limit = max(LARGEST_SLIP * speed, SLOWEST_SLIP_LIMIT)
     measured["slip"] = slip_speed(gait.features, gait.contact, gait.velocity, gait.dt, gait.valid)
@@ -44,7 +40,7 @@ def check_reference(gait: Gait) -> dict[str, float]:
         raise ArtifactError(
             f"the reference slides: the foot on the ground moves at {measured['slip']:.2f} m/s, limit {slip_limit:.2f}"
         )
-    measured["speed_trend"] = largest_trend(gait.velocity, gait.valid) / speed
+    measured["speed_trend"] = largest_trend(gait.velocity, gait.valid) / max(speed, SLOWEST_TREND)
     if not measured["speed_trend"] <= LARGEST_SPEED_TREND:
         raise ArtifactError(
             f"the reference drifts: speed changes by {measured['speed_trend']:.0%} across an episode, "
@@ -58,6 +54,25 @@ def check_reference(gait: Gait) -> dict[str, float]:
             f"limit {LARGEST_HEIGHT_TREND:.0%}"
         )
     return measured
+
+
+def check_footfall(gait: Gait, footfall: Footfall) -> dict[str, float]:
+    """How feet move together, and the share of the time with none on the ground; ArtifactError for another gait's."""
+    assert gait.contact is not None
+    correlation = left_right_correlation(gait.features, gait.valid)
+    (lowest, highest), (least, most) = footfall.correlation, footfall.flight
+    told = f"left-right correlation of foot x {correlation:.2f}"
+    if not correlation <= highest:
+        raise ArtifactError(f"the reference hops: {told}, limit {highest:g}")
+    if correlation < lowest:
+        raise ArtifactError(f"the reference alternates its feet: {told}, limit {lowest:g}")
+    flight = 1.0 - float(np.any(gait.contact[gait.valid], axis=1).mean())
+    if flight > most:
+        told = f"no foot is on the ground for {flight:.1%} of the time"
+        raise ArtifactError(f"the reference flies: {told}, limit {most:.0%}")
+    if flight < least:
+        raise ArtifactError(f"the reference hardly flies: for {flight:.1%} of the time, at least {least:.0%}")
+    return {"left_right_correlation": correlation, "flight": flight}
 
 
 def lowest_body(gait: Gait) -> float:

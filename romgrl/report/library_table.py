@@ -7,7 +7,7 @@ from pathlib import Path
 
 from rich.table import Table
 
-from romgrl.gait import human_bands
+from romgrl.report.library_cells import said_of
 from romgrl.report.numbers import UNKNOWN, significant
 from romgrl.report.terminal_tables import Rows, number, read_rows
 
@@ -38,17 +38,9 @@ def library_tables(library: Path) -> list[Table]:
     table.add_column("fit")
     for row in rows:
         values = [significant(number(row[name])) if name in row else UNKNOWN for name in SHOWN]
-        table.add_row(*values, said_of(row))
+        numbers = {name: number(value) for name, value in row.items()}
+        table.add_row(*values, said_of(row["fit"] == "True", row["reason"], numbers, row["gait"]))
     return [table]
-
-
-def said_of(row: dict[str, str]) -> str:
-    """Why a cell is refused, or which human bands it leaves."""
-    if row["fit"] != "True":
-        return row["reason"]
-    values = {name: number(value) for name, value in row.items()}
-    off = human_bands.outside(values, values["speed_m_per_s"])
-    return f"yes; not human: {', '.join(off)}" if off else "yes"
 
 
 def library_metrics(library: Path) -> dict[str, float]:

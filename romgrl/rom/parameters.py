@@ -14,7 +14,7 @@ Reward = Literal["exponential", "forward_velocity"]
 Observation = Literal["full", "paper"]
 Engine = Literal["box2d", "native"]
 
-_RANGES = ("reset_hip_angle", "reset_speed")
+_RANGES = ("reset_hip_angle", "reset_speed", "reset_drop")
 
 
 def _default(name: str) -> Any:
@@ -80,6 +80,8 @@ class VariableLegParameters(SpringLegParameters):
     motor_lag: float = _default("motor_lag")
     shortest_rest: float = _default("shortest_rest")
     longest_rest: float = _default("longest_rest")
+    reset_together: bool = _default("reset_together")
+    reset_drop: tuple[float, float] = (0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -124,7 +126,7 @@ def core_parameters(
         if field.name not in ("observation", "engine", *_RANGES)
     }
     for name in _RANGES:
-        values |= span(name, getattr(parameters, name))
+        values |= span(name, getattr(parameters, name)) if hasattr(parameters, name) else {}
     if parameters.trunk_moment_limit is None:
         values["trunk_moment_limit"] = math.inf
     commands = speed if isinstance(speed, Commands) else Commands((speed, speed))

@@ -1,86 +1,95 @@
-"""A controller with a clock for legs with motors: twenty numbers that CMA-ES can find (`teacher=cmaes`).
+"""A controller with a clock for legs with motors: a few numbers that CMA-ES can find (`teacher=cmaes`).
 
-The clock of a leg, c in cycles, starts at its touchdown; the leg that did not touch down last is half a cycle ahead. A
-loaded leg has a hip torque and a drive that follow c between knots; another one swings towards a hip angle that does,
+The clock of a leg, c in cycles, starts at its touchdown; the leg that did not touch down last is ahead by what the
+footfall of the gait says, half a cycle in a walk or a run. A loaded leg has a hip torque and a drive that follow c
+between knots, and a share of the torque for what the speed is off; another one swings towards a hip angle,
 
     torque = stiffness (angle(c) + placement (v - v*) - hip angle) - damping * hip rate,
 
-with a drive of its own. It sees what the observation holds and remembers nothing: the time since the last touchdown is
-a column of it. Raibert 1986, Legged Robots That Balance, for the placement.
+with a drive of its own. All these numbers are linear in what is asked of the world, where that has a range. The
+controller sees what the observation holds and remembers nothing: the time since the last touchdown is a column of it.
+Raibert 1986, Legged Robots That Balance, for the placement.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from romgrl.rom.gait_clocks import CLOCKS
 from romgrl.rom.observation import MOTOR_OBSERVATION_NAMES
 
 Array = NDArray[np.float64]
 
-STANCE_KNOTS = np.array([0.0, 0.15, 0.3, 0.5])
-SWING_KNOTS = np.array([0.25, 0.5, 0.75, 1.0])
 LANDING = 0.05
 """A leg that has just touched down counts as loaded for so many cycles."""
-LATEST = 0.75
-"""The clock stops there where the other leg does not touch down."""
-RATE, STIFFNESS, DAMPING = 0.445, 1.5, 0.27
-"""Cycles per sqrt(L0 / g); shares of the largest torque per rad and per sqrt(g / L0): what exponents of 0 stand for."""
-START: tuple[tuple[str, tuple[float, ...], float], ...] = (
-    ("log_rate", (0.0,), 0.2),
-    ("stance_torque", (-0.3, -0.3, -0.3, 0.0), 0.4),
-    ("stance_drive", (0.2, 0.6, 0.6, 0.3), 0.4),
-    ("swing_angle", (-0.2, 0.2, 0.4, 0.35), 0.15),
-    ("swing_drive", (-0.5, -0.8, 0.3, 0.5), 0.4),
-    ("log_stiffness", (0.0,), 0.4),
-    ("log_damping", (0.0,), 0.4),
-    ("placement", (0.1,), 0.07),
-)
-"""Name, first value and first deviation of each part; angles in rad, the rest in shares of what the motors can."""
-MEAN = np.array([value for _, values, _ in START for value in values])
-DEVIATION = np.array([deviation for _, values, deviation in START for _ in values])
+STIFFNESS, DAMPING = 1.5, 0.27
+"""Shares of the largest torque per rad and per sqrt(g / L0): what exponents of 0 stand for."""
+COLUMNS = {name: MOTOR_OBSERVATION_NAMES.index(name) for name in MOTOR_OBSERVATION_NAMES}
+
+
+class Span(NamedTuple):
+    """The range of a command that the parameters are linear in: a column of the observation, its ends there."""
+
+    column: str
+    low: float
+    high: float
 
 
 class PhasePolicy:
     """Observations (N, 28) float32 of `romgrl.rom.observation.MOTOR_OBSERVATION_NAMES` -> actions (N, 4) in [-1, 1].
 
-    parameters: (P,) for all worlds, or (N, P); in the order of START.
+    parameters: (P,) for all worlds, or (N, P): those of the gait's clock in the middle of all spans, then for each span
+    what they grow by from its middle to its high end.
     """
 
     observation_names: Sequence[str] = MOTOR_OBSERVATION_NAMES
 
-    def __init__(self, parameters: Array) -> None:
+    def __init__(self, parameters: Array, gait: str = "run", spans: Sequence[Span] = ()) -> None:
         self.parameters = np.atleast_2d(np.asarray(parameters, float))
-        ends = np.cumsum([len(values) for _, values, _ in START])
-        parts = np.split(self.parameters, ends[:-1], axis=1)
-        self._of = {name: part for (name, _, _), part in zip(START, parts, strict=True)}
-        column = MOTOR_OBSERVATION_NAMES.index
-        self._age, self._side = column("time_since_touchdown"), column("last_touchdown_side")
-        self._speed, self._target = column("forward_velocity"), column("target_speed")
+        self.gait, self.spans, self.clock = gait, tuple(spans), CLOCKS[gait]
+        self._stance, self._swing = np.array(self.clock.stance_knots), np.array(self.clock.swing_knots)
+        self._ends = np.cumsum([len(values) for _, values, _ in self.clock.parts])[:-1]
+        self._ahead = (
+            self.clock.phase,
+            (1.0 - self.clock.phase) % 1.0,
+        )  # of left and right leg, from the other's landing
         self._legs = [
-            (column(f"{side}_load"), column(f"{side}_hip_angle"), column(f"{side}_hip_rate"))
-            for side in ("left", "right")
+            tuple(COLUMNS[f"{side}_{name}"] for name in ("load", "hip_angle", "hip_rate")) for side in ("left", "right")
         ]
 
+    def asked(self, observation: NDArray[np.float32]) -> dict[str, Array]:
+        """The parameters of the worlds (N or 1, k) by their part, for what is asked of them."""
+        size = len(self.clock.mean)
+        own = self.parameters[:, :size]
+        for place, span in enumerate(self.spans, 1):
+            share = (2.0 * observation[:, COLUMNS[span.column]] - span.low - span.high) / (span.high - span.low)
+            own = own + share[:, None] * self.parameters[:, place * size : (place + 1) * size]
+        names = (name for name, _, _ in self.clock.parts)
+        return dict(zip(names, np.split(own, self._ends, axis=1), strict=True))
+
     def __call__(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
-        of = self._of
-        rate = RATE * np.exp(of["log_rate"][:, 0])
-        age = np.minimum(observation[:, self._age] * rate, LATEST)
-        too_fast = observation[:, self._speed] - observation[:, self._target]
+        of = self.asked(observation)
+        rate = self.clock.rate * np.exp(of["log_rate"][:, 0])
+        age = np.minimum(observation[:, COLUMNS["time_since_touchdown"]] * rate, self.clock.latest)
+        too_fast = observation[:, COLUMNS["forward_velocity"]] - observation[:, COLUMNS["target_speed"]]
         stiffness = STIFFNESS * np.exp(of["log_stiffness"][:, 0])
         damping = DAMPING * np.exp(of["log_damping"][:, 0])
+        pushed, placed = of["push"][:, 0] * too_fast, of["placement"][:, 0] * too_fast
         action = np.empty((len(observation), 4), np.float32)
         for leg, (load, angle, hip_rate) in enumerate(self._legs):
-            last = observation[:, self._side] * (1 - 2 * leg) > 0
-            clock = np.where(last, age, age + 0.5)
+            last = observation[:, COLUMNS["last_touchdown_side"]] * (1 - 2 * leg) > 0
+            clock = np.where(last, age, age + self._ahead[leg])
             loaded = (observation[:, load] > 0) | (clock < LANDING)
-            aim = between(clock, SWING_KNOTS, of["swing_angle"]) + of["placement"][:, 0] * too_fast
+            aim = between(clock, self._swing, of["swing_angle"]) + placed
             swing = stiffness * (aim - observation[:, angle]) - damping * observation[:, hip_rate]
-            action[:, leg] = np.where(loaded, between(clock, STANCE_KNOTS, of["stance_torque"]), swing)
+            stance = between(clock, self._stance, of["stance_torque"]) + pushed
+            action[:, leg] = np.where(loaded, stance, swing)
             action[:, 2 + leg] = np.where(
-                loaded, between(clock, STANCE_KNOTS, of["stance_drive"]), between(clock, SWING_KNOTS, of["swing_drive"])
+                loaded, between(clock, self._stance, of["stance_drive"]), between(clock, self._swing, of["swing_drive"])
             )
         return np.clip(action, -1.0, 1.0, out=action)
 

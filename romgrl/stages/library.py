@@ -18,10 +18,12 @@ from romgrl.artifacts.checkpoint import CHECKPOINT
 from romgrl.config.schema import Config
 from romgrl.errors import ArtifactError
 from romgrl.gait.features import CHANNELS, Gait
+from romgrl.gait.footfall import FOOTFALLS
 from romgrl.gait.load_metrics import peak_force
 from romgrl.gait.metrics import GRAVITY, describe
 from romgrl.gait.reference_check import check_reference
 from romgrl.report.gait_atlas import gait_atlas
+from romgrl.report.page.library_page import write_library_page
 from romgrl.report.style import save
 from romgrl.runtime.stage_log import StageLog
 from romgrl.stages.rollouts.orbital_stability import teacher_multipliers
@@ -33,7 +35,7 @@ Cell = dict[str, NDArray[Any]]
 
 
 def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog) -> None:
-    """Write library.csv, a row for each cell, refused ones with the reason, the figure gait_atlas, and library.npz.
+    """Write library.csv, a row for each cell, refused ones with the reason, gait_atlas, report.html and library.npz.
 
     library.npz: features (C, T, 5) m, episode (C, T), contact (C, T, 2) and velocity (C, T) m/s of `reference.steps`
     steps, nan and -1 where an episode fell before; dt s. A cell that is finished survives an interruption.
@@ -54,8 +56,12 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
     table = pd.DataFrame(rows)
     table.to_csv(output / "library.csv", index=False)
     names: Cell = {"channels": np.array(CHANNELS), "dt": np.array(1.0 / config.humanoid.control_frequency)}
-    save_arrays(output / "library.npz", {name: np.stack([each[name] for each in arrays]) for name in arrays[0]} | names)
+    library = {name: np.stack([each[name] for each in arrays]) for name in arrays[0]} | names
+    save_arrays(output / "library.npz", library)
     save(gait_atlas(table), output, "gait_atlas")
+    teacher = f"{config.teacher.algorithm} on {config.rom.model}, seed {config.seed}, artifact {inputs['teacher'].name}"
+    radius = rom_parameters(config).foot_radius
+    write_library_page(output / "report.html", table, library, foot_radius=radius, teacher=teacher)
     log.message(f"{int(table.fit.sum())} of {len(table)} cells are fit to be imitated")
 
 
@@ -112,13 +118,14 @@ def cell_row(config: Config, gait: Gait, teacher: Path) -> dict[str, Any]:
     """A row of library.csv."""
     parameters = rom_parameters(config)
     row: dict[str, Any] = {
+        "gait": config.teacher.gait,
         "speed_m_per_s": config.teacher.speed,
         "stiffness_share": config.teacher.stiffness_share,
         "fit": True,
         "reason": "",
     }
     try:
-        check_reference(gait)
+        check_reference(gait, FOOTFALLS[config.teacher.gait])
     except ArtifactError as error:
         row |= {"fit": False, "reason": str(error)}
     row |= describe(gait, target_speed=config.teacher.speed, mass=parameters.mass)

@@ -11,6 +11,7 @@ from romgrl.artifacts import save_arrays
 from romgrl.config.schema import Config
 from romgrl.errors import ArtifactError
 from romgrl.gait.features import CHANNELS, POWERS, Gait
+from romgrl.gait.footfall import FOOTFALLS
 from romgrl.gait.reference_check import check_reference
 from romgrl.runtime.stage_log import StageLog
 from romgrl.stages.rollouts.teacher import roll_out_teacher
@@ -24,7 +25,7 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
     reference = config.reference
     gait = roll_out_teacher(inputs["teacher"], config)
     try:
-        log.metrics(check_reference(gait), reference.steps)
+        log.metrics(check_reference(gait, FOOTFALLS[config.teacher.gait]), reference.steps)
         log.message(f"{reference.steps} steps in {reference.episodes} episodes, fit to be imitated")
     except ArtifactError as error:
         if reference.check:

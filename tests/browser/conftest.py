@@ -20,6 +20,13 @@ from tests.conftest import Composer
 
 STEPS = 300  # 10 s
 SCREENSHOTS = Path(os.environ.get("ROMGRL_SCREENSHOTS", Path(__file__).parents[2] / "outputs" / "screenshots"))
+SCROLL = """async () => {
+  for (let y = 0; y < document.body.scrollHeight; y += innerHeight / 2) {
+    scrollTo(0, y);
+    await new Promise((resolve) => setTimeout(resolve, 80));
+  }
+  scrollTo(0, 0);
+}"""  # so that every chart is drawn
 
 
 @pytest.fixture(scope="session")

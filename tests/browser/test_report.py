@@ -9,20 +9,13 @@ import pytest
 from PIL import Image
 from playwright.sync_api import Browser, Page
 
-from tests.browser.conftest import SCREENSHOTS, watch
+from tests.browser.conftest import SCREENSHOTS, SCROLL, watch
 
 pytestmark = [pytest.mark.slow, pytest.mark.browser]
 
 PAINT = 1000.0  # ms
 FRAMES = 30.0  # 1/s
 TIME = "time"
-SCROLL = """async () => {
-  for (let y = 0; y < document.body.scrollHeight; y += innerHeight / 2) {
-    scrollTo(0, y);
-    await new Promise((resolve) => setTimeout(resolve, 80));
-  }
-  scrollTo(0, 0);
-}"""
 DRAWN = "() => [...charts.values()].every((chart) => chart.cursors)"
 COUNT_FRAMES = """() => new Promise((resolve) => {
   const drawn = drawScene, begin = performance.now();

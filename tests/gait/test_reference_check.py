@@ -5,8 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 
+from romgrl.config.teachers import GAITS
 from romgrl.errors import ArtifactError
 from romgrl.gait.features import Gait
+from romgrl.gait.footfall import FOOTFALLS
 from romgrl.gait.reference_check import check_reference, largest_trend, slip_speed
 
 SPEED, DT, STRIDE, DUTY, EPISODES, STEPS = 4.0, 1.0 / 30.0, 0.6, 0.3, 4, 200
@@ -77,8 +79,35 @@ def test_sliding_foot_is_refused() -> None:
 
 def test_reference_without_stance_is_refused() -> None:
     gait = dataclasses.replace(runner(), contact=np.zeros((EPISODES, STEPS, 2), bool))
-    with pytest.raises(ArtifactError, match="slides"):
+    with pytest.raises(ArtifactError, match=r"flies: no foot is on the ground for 100\.0% of the time, limit 80%"):
         check_reference(gait)
+
+
+def test_each_gait_has_its_own_footfall() -> None:
+    """A run (a third of it in the air) is no walk and no hop; feet together are a hop where one is asked for."""
+    run, hop = runner(), runner(phase_between_feet=0.0)
+    with pytest.raises(ArtifactError, match=r"flies: .* for 33\.\d% of the time, limit 2%"):
+        check_reference(run, FOOTFALLS["walk"])
+    with pytest.raises(ArtifactError, match=r"alternates its feet: .* -\d\.\d+, limit 0\.5"):
+        check_reference(run, FOOTFALLS["hop"])
+    measured = check_reference(hop, FOOTFALLS["hop"])
+    assert measured["left_right_correlation"] == pytest.approx(1.0)
+    assert measured["flight"] == pytest.approx(2 / 3, abs=0.01)
+    assert hop.contact is not None
+    hop.contact[:] = True
+    with pytest.raises(ArtifactError, match=r"hardly flies: for 0\.0% of the time, at least 10%"):
+        check_reference(hop, FOOTFALLS["hop"])
+    assert FOOTFALLS.keys() == set(GAITS)
+
+
+def test_a_hop_on_the_spot_is_judged_by_half_a_metre_per_second() -> None:
+    gait = runner(phase_between_feet=0.0)
+    feet = gait.features[:, :, [1, 3]].mean(axis=(0, 1))
+    gait.features[..., [1, 3]] = feet
+    still = dataclasses.replace(gait, velocity=np.tile(np.linspace(-0.05, 0.05, STEPS), (EPISODES, 1)))
+    still.features[..., [1, 3]] += 0.001 * np.sin(np.arange(STEPS))[:, None]
+    with pytest.raises(ArtifactError, match=r"drifts: speed changes by 20% across an episode"):
+        check_reference(still, FOOTFALLS["hop"])
 
 
 def test_speed_drift_is_refused() -> None:

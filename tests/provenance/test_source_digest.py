@@ -144,10 +144,10 @@ EDITED = {
     "humanoid/changed_body.py": {"robustness"},
     "gait/discriminator_windows.py": TRAINED,
     "gait/symmetry.py": set(STAGES),
-    "gait/alignment.py": TRAINED | {"evaluation", "report"},  # the check of a training's gait
+    "gait/alignment.py": TRAINED | {"evaluation", "report", "library"},  # the check of a training's gait, and pages
     "gait/load_metrics.py": set(STAGES),  # among the rows of a gait, which every check reads
     "gait/floquet.py": {"robustness", "library"},
-    "gait/measures.py": {"report"},
+    "gait/measures.py": {"report", "library"},
     "algorithms/ppo.py": {"teacher"},
     "algorithms/ppo_policy.py": ROM_RUNS,
     "algorithms/rollout_buffer.py": {"teacher"},
@@ -169,7 +169,10 @@ EDITED = {
     "report/library_table.py": set(),
     "report/gait_atlas.py": {"library"},
     "report/figures.py": {"report"},
-    "report/page/scene.py": {"report"},
+    "report/library_cells.py": {"library"},
+    "report/page/scene.py": {"report", "library"},
+    "report/page/library_page.py": {"library"},
+    "report/page/player.js": {"report", "library"},
     "report/terminal_tables.py": set(),
     "results/statistics.py": set(),
     "results/exact_tests.py": set(),

@@ -73,3 +73,26 @@ def test_the_work_of_all_actuators_can_cost() -> None:
     cost = 0.5 * paid["positive_power"][0] / (MASS * GRAVITY * np.sqrt(GRAVITY * LENGTH))
     assert paid["positive_power"][0] > paid["positive_leg_motor_power"][0] > 10.0
     assert free["reward"][0] - paid["reward"][0] == pytest.approx(float(cost), rel=1e-4)
+
+
+@each_engine
+def test_episodes_can_begin_with_both_feet_after_a_fall() -> None:
+    """Both feet rest on the ground, ahead in proportion to the speed; the trunk falls as from the drawn height."""
+    ends = {"speed_low": 1.0, "speed_high": 3.0, "reset_hip_angle_low": 0.1, "reset_hip_angle_high": 0.3}
+    ends |= {"reset_drop_low": 0.05, "reset_drop_high": 0.2, "reset_together": True}
+    worlds = Worlds(core_parameters(**MOTOR | ends), 500)
+    worlds.batch.seed(2)
+    worlds.batch.reset()
+    worlds.batch.observe(worlds["observation"], worlds["features"], worlds["contact"])
+    assert worlds["contact"].all()
+    seen, unit = worlds["observation"], np.sqrt(GRAVITY * LENGTH)
+    np.testing.assert_array_equal(seen[:, 10], seen[:, 11])
+    angle = seen[:, 10] / seen[:, 18]  # at a speed of sqrt(g L0)
+    drop = (seen[:, 3] * unit) ** 2 / (2 * GRAVITY)
+    for values, low, high in ((angle, 0.1, 0.3), (drop, 0.05, 0.2)):
+        assert low <= values.min() + 1e-6
+        assert values.min() < low + 0.05 * (high - low)
+        assert high - 0.05 * (high - low) < values.max() <= high + 1e-6
+    assert (seen[:, 3] < 0).all()
+    feet = worlds.feet()
+    assert np.abs(feet[:, 3:5]).max() < 1e-9

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from romgrl.gait.footfall import FOOTFALLS
 from romgrl.gait.recording import record
-from romgrl.rom.phase_policy import DEVIATION, MEAN, START, SWING_KNOTS, PhasePolicy, between
+from romgrl.rom.gait_clocks import CLOCKS, RUN
+from romgrl.rom.phase_policy import PhasePolicy, Span, between
 from romgrl.rom.vector_env import VariableLegVectorEnv
 
 
@@ -18,7 +20,7 @@ def seen() -> NDArray[np.float32]:
 
     def look(observation: NDArray[np.float32]) -> NDArray[np.float32]:
         kept.append(observation.copy())
-        return PhasePolicy(MEAN)(observation)
+        return PhasePolicy(RUN.mean)(observation)
 
     record(env, look, steps=15, seed=3, dt=env.dt)
     return np.concatenate(kept)
@@ -27,15 +29,13 @@ def seen() -> NDArray[np.float32]:
 def test_curves_are_linear_between_knots_and_constant_beyond() -> None:
     values = np.array([[1.0, 3.0, -1.0, 0.0]])
     clock = np.array([0.0, 0.25, 0.375, 0.5, 0.875, 1.0, 1.4])
-    np.testing.assert_allclose(between(clock, SWING_KNOTS, values), [1.0, 1.0, 2.0, 3.0, -0.5, 0.0, 0.0])
-    np.testing.assert_allclose(
-        between(clock, SWING_KNOTS, np.repeat(values, 7, axis=0)), between(clock, SWING_KNOTS, values)
-    )
-    assert sum(len(start) for _, start, _ in START) == len(MEAN) == len(DEVIATION) == 20
+    knots = np.array(RUN.swing_knots)
+    np.testing.assert_allclose(between(clock, knots, values), [1.0, 1.0, 2.0, 3.0, -0.5, 0.0, 0.0])
+    np.testing.assert_allclose(between(clock, knots, np.repeat(values, 7, axis=0)), between(clock, knots, values))
 
 
 def test_each_world_has_its_own_parameters_and_nothing_is_remembered(seen: NDArray[np.float32]) -> None:
-    several = MEAN + DEVIATION * np.random.default_rng(0).normal(size=(len(seen), len(MEAN)))
+    several = RUN.mean + RUN.deviation * np.random.default_rng(0).normal(size=(len(seen), len(RUN.mean)))
     together = PhasePolicy(several)(seen)
     assert together.dtype == np.float32
     assert np.abs(together).max() <= 1.0
@@ -46,7 +46,7 @@ def test_each_world_has_its_own_parameters_and_nothing_is_remembered(seen: NDArr
 
 
 def test_the_mirrored_world_gets_the_mirrored_action(seen: NDArray[np.float32]) -> None:
-    env, policy = VariableLegVectorEnv(num_envs=1), PhasePolicy(MEAN)
+    env, policy = VariableLegVectorEnv(num_envs=1), PhasePolicy(RUN.mean)
     told = seen[seen[:, env.observation_names.index("last_touchdown_side")] != 0]
     assert len(told) > 200
     np.testing.assert_array_equal(policy(env.mirror_observation.image(told)), env.mirror_action.image(policy(told)))
@@ -58,10 +58,44 @@ def test_the_clock_of_the_leg_that_is_ahead(seen: NDArray[np.float32]) -> None:
     row = np.zeros((1, len(names)), np.float32)
     row[0, names.index("last_touchdown_side")] = 1.0
     row[0, names.index("time_since_touchdown")] = 0.25 / 0.445
-    only = MEAN * 0
-    only[9 + 2] = 0.4  # the swing's angle at three quarters of a cycle
+    only = RUN.mean * 0
+    only[10 + 2] = 0.4  # the swing's angle at three quarters of a cycle
     np.testing.assert_allclose(PhasePolicy(only)(row)[0, :2], [0.0, 1.5 * 0.4], atol=1e-6)
     row[0, names.index("last_touchdown_side")] = -1.0
     np.testing.assert_allclose(PhasePolicy(only)(row)[0, :2], [1.5 * 0.4, 0.0], atol=1e-6)
     row[0, names.index("left_load")] = 1.0  # a loaded leg has the torque of the stance, here none
     np.testing.assert_allclose(PhasePolicy(only)(row)[0, :2], [0.0, 0.0], atol=1e-6)
+
+
+def test_parameters_are_linear_in_what_is_asked(seen: NDArray[np.float32]) -> None:
+    """At the ends of two spans, in the middle of one, and beyond: as a controller of those numbers alone."""
+    size, random = len(RUN.mean), np.random.default_rng(1)
+    blocks = [RUN.mean + RUN.deviation * random.normal(size=size), *(0.3 * random.normal(size=(2, size)))]
+    spans = (Span("target_speed", 0.5, 1.5), Span("stiffness_share", 0.7, 1.3))
+    policy, rows = PhasePolicy(np.concatenate(blocks), spans=spans), seen[100:120].copy()
+    names = VariableLegVectorEnv(num_envs=1).observation_names
+    for speed, share, by_speed, by_share in ((0.5, 1.0, -1, 0), (1.5, 0.7, 1, -1), (1.0, 1.3, 0, 1), (2.0, 1.0, 2, 0)):
+        rows[:, names.index("target_speed")], rows[:, names.index("stiffness_share")] = speed, share
+        alone = PhasePolicy(blocks[0] + by_speed * blocks[1] + by_share * blocks[2])
+        np.testing.assert_allclose(policy(rows), alone(rows), atol=1e-5)
+
+
+@pytest.mark.parametrize("gait", CLOCKS)
+def test_each_gait_has_its_clock(gait: str) -> None:
+    """The other leg is ahead by what the footfall says: the right one is at 1 - phase where the left one lands."""
+    clock = CLOCKS[gait]
+    assert clock.phase == FOOTFALLS[gait].phase
+    assert len(clock.mean) == len(clock.deviation) == sum(len(values) for _, values, _ in clock.parts)
+    assert [name for name, _, _ in clock.parts] == [name for name, _, _ in RUN.parts]
+    assert (clock.deviation > 0).all()
+    names = VariableLegVectorEnv(num_envs=1).observation_names
+    row = np.zeros((1, len(names)), np.float32)
+    policy = PhasePolicy(clock.mean, gait)
+    of = policy.asked(row)
+    for side, own, other in ((1.0, 0, 1), (-1.0, 1, 0)):
+        row[0, names.index("last_touchdown_side")] = side
+        row[0, names.index("time_since_touchdown")] = 0.1 / clock.rate
+        moved = (1.0 - clock.phase) % 1.0 if side > 0 else clock.phase
+        for leg, at in ((own, 0.1), (other, 0.1 + moved)):
+            drive = between(np.array([at]), np.array(clock.swing_knots), of["swing_drive"])
+            np.testing.assert_allclose(policy(row)[0, 2 + leg], drive[0], atol=1e-6)

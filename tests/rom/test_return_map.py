@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from romgrl.rom.gait_clocks import RUN
 from romgrl.rom.parameters import SpringLegParameters, VariableLegParameters
-from romgrl.rom.phase_policy import MEAN, PhasePolicy
+from romgrl.rom.phase_policy import PhasePolicy
 from romgrl.rom.return_map import StrideMap
 from romgrl.rom.vector_env import SpringLegVectorEnv
 from tests.helpers.rom_worlds import WALKER
@@ -84,7 +85,7 @@ def test_a_disturbance_moves_each_coordinate_by_itself(locked: bool) -> None:
 
 def test_legs_with_motors_have_a_clock_and_no_shortening() -> None:
     """A disturbance moves each coordinate by itself, a drive beyond what a policy asks for, too."""
-    stride = StrideMap(PhasePolicy(MEAN), VariableLegParameters(engine="native"), speed=4.0, control_frequency=30.0)
+    stride = StrideMap(PhasePolicy(RUN.mean), VariableLegParameters(engine="native"), speed=4.0, control_frequency=30.0)
     names = stride.names
     assert {"touchdown_age", "left_extension", "right_extension_rate", "left_drive"} <= set(names)
     assert not any("shortening" in name for name in names)

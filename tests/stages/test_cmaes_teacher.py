@@ -15,15 +15,19 @@ from romgrl.artifacts import load_tensors, save_tensors
 from romgrl.config.schema import Config
 from romgrl.config.teachers import CMAESTeacher
 from romgrl.errors import ArtifactError
-from romgrl.rom.phase_policy import DEVIATION, MEAN, PhasePolicy
+from romgrl.rom.gait_clocks import CLOCKS, HOP, RUN
+from romgrl.rom.phase_policy import PhasePolicy, Span
 from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import reference, teacher
 from romgrl.stages.training import cmaes_teacher, speed_check
-from romgrl.stages.training.cycle_search import CycleSearch, TouchdownTimes
+from romgrl.stages.training.cycle_measures import TouchdownTimes, Tries
+from romgrl.stages.training.cycle_search import CycleSearch
+from romgrl.stages.wiring.commands import checked_tasks
 from romgrl.stages.wiring.rom import rom_env
 from romgrl.stages.wiring.teacher_policy import load_phase_policy, save_phase_policy
 from tests.conftest import Composer
 
+WALK = ("teacher.gait=walk", "rom=variable_walking", "teacher.speed=1.25")
 SMALL = ("teacher=cmaes", "threads=1", "teacher.population=8", "teacher.rollouts=2", "teacher.search_steps=80")
 
 
@@ -31,14 +35,14 @@ def search_of(config: Config) -> CycleSearch:
     """A search and its worlds."""
     keys = config.teacher
     assert isinstance(keys, CMAESTeacher)
-    env = rom_env(config, num_envs=keys.population * keys.rollouts, episode_steps=keys.search_steps + 1)
-    return CycleSearch(keys, env, config.seed)
+    worlds = {"num_envs": keys.population * keys.rollouts, "episode_steps": keys.search_steps + 1}
+    return CycleSearch(keys, [(at.teacher.speed, rom_env(at, **worlds)) for at in checked_tasks(config)], config.seed)
 
 
 def test_times_between_touchdowns() -> None:
     """World 0 steps evenly, world 1 limps, world 2 falls: what follows counts in neither."""
     moments = np.array([[0.1, 0.4, 0.7, 1.0], [0.1, 0.3, 0.7, 0.9], [0.1, 0.2, 0.3, 0.4]])
-    times = TouchdownTimes.of(np.array([1.0, 1.0, 1.0]))
+    times = TouchdownTimes.of(np.array([1.0, 1.0, 1.0]), phase=0.5)
     for step, moment in enumerate(moments.T):
         side = np.full(3, -1.0 if step % 2 == 0 else 1.0)
         times.add(side, moment, np.array([True, True, step < 1]))
@@ -49,24 +53,68 @@ def test_times_between_touchdowns() -> None:
 
 
 def test_a_search_improves_and_has_the_same_bits_again(compose_config: Composer) -> None:
-    config = compose_config(*SMALL, "teacher.generations=60")
+    config = compose_config(*SMALL, *WALK, "teacher.generations=60", "teacher.population=16")
     one, other = (search_of(config) for _ in range(2))
     told = [one.generation(number) for number in range(1, 61)]
     assert [other.generation(number) for number in range(1, 61)] == told
     np.testing.assert_array_equal(one.best, other.best)
-    assert [one.steps_of(number) for number in (1, 10, 30)] == [20, 40, 80]
-    first, last = (one.tries(parameters[None].repeat(8, axis=0), 80, seed=1) for parameters in (MEAN, one.best))
-    assert last.reward.mean() > first.reward.mean() + 0.02
+    assert [one.steps_of(done) for done in (0.02, 0.2, 0.5)] == [20, 40, 80]
+    first, last = (
+        one.tries(parameters[None].repeat(16, axis=0), 80, seed=1) for parameters in (CLOCKS["walk"].mean, one.best)
+    )
+    assert one.paid(last).mean() > one.paid(first).mean() + 0.02
     assert last.upright.mean() > first.upright.mean()
 
 
-def test_the_mean_reward_ends_with_a_fall(compose_config: Composer) -> None:
-    search = search_of(compose_config(*SMALL, "teacher.work_cost=0"))
-    limp = MEAN - 100 * DEVIATION
-    tries = search.tries(np.array([limp] * 8), 80, seed=1)
+def test_what_is_paid_ends_with_a_fall(compose_config: Composer) -> None:
+    search = search_of(compose_config(*SMALL))
+    tries = search.tries(np.array([RUN.mean - 100 * RUN.deviation] * 8), 80, seed=1)
     assert tries.upright.max() < 0.9
-    assert tries.reward.max() <= tries.upright.max()
-    assert search.losses(tries).min() > 0
+    assert (search.paid(tries) <= tries.upright).all()
+
+
+def test_what_a_gait_costs(compose_config: Composer) -> None:
+    """A walk may not fly, a hop must; a limp and work have their price; something is always left."""
+    usual = Tries(*(np.full((1, 1, 1), value) for value in (1.0, 1.0, 0.08, 0.0, 0.0)))
+    flown = usual._replace(flight=np.full((1, 1, 1), 0.22))
+    for gait, rom, standing, flying in (("walk", "variable_walking", 1.0, 0.8), ("hop", "hopping", 0.9, 1.0)):
+        search = search_of(compose_config(*SMALL, f"teacher.gait={gait}", f"rom={rom}", "teacher.flight_cost=1"))
+        assert search.kept(usual).item() == pytest.approx(standing)
+        assert search.kept(flown).item() == pytest.approx(flying)
+    search = search_of(compose_config(*SMALL, "teacher.work_cost=0.5", "teacher.limp_cost=2"))
+    working = usual._replace(power=np.full((1, 1, 1), search.power_unit))
+    assert search.kept(working).item() == pytest.approx(0.5)
+    assert search.kept(usual._replace(limp=np.full((1, 1, 1), 0.18))).item() == pytest.approx(0.8)
+    assert search.kept(usual._replace(limp=np.full((1, 1, 1), 3.0))).item() == 0.05
+
+
+def test_feet_that_come_down_together_and_in_unequal_times() -> None:
+    """Touchdowns of a hop within a tenth of a second are one; a skip's times are compared by its phase."""
+    hop = TouchdownTimes.of(np.array([1.0]), phase=0.0)
+    for side, moment in ((1.0, 0.5), (-1.0, 0.52), (1.0, 1.0), (1.0, 1.5)):
+        hop.add(np.array([side]), np.array([moment]), np.array([True]))
+    assert hop.count.tolist() == [2]
+    np.testing.assert_allclose(hop.spread(), [0.0], atol=1e-7)
+    skip = TouchdownTimes.of(np.array([1.0]), phase=0.3)
+    for side, moment in ((-1.0, 0.3), (1.0, 1.0), (-1.0, 1.3), (1.0, 2.0)):
+        skip.add(np.array([side]), np.array([moment]), np.array([True]))
+    assert skip.count.tolist() == [3]
+    np.testing.assert_allclose(skip.spread(), [0.0], atol=1e-7)
+
+
+def test_a_teacher_of_a_range_is_tried_at_all_that_is_checked(compose_config: Composer) -> None:
+    """Its controllers follow the speed that is asked, in the unit that they see."""
+    config = compose_config(*SMALL, "teacher.speeds=[3,5]", "teacher.stiffness_shares=[0.8,1.2]")
+    search = search_of(config)
+    assert [speed for speed, _ in search.tasks] == [speed for speed in (3.0, 3.5, 4.0, 4.5, 5.0) for _ in range(2)]
+    assert [span.column for span in search.spans] == ["target_speed", "stiffness_share"]
+    assert len(search.mean) == 3 * len(RUN.mean)
+    observation, _ = search.tasks[0][1].reset(seed=0)
+    assert observation[0, 18] == pytest.approx(search.spans[0].low)
+    assert observation[0, 26] == pytest.approx(search.spans[1].low)
+    tries = search.tries(np.array([search.mean] * 8), 40, seed=1)
+    assert tries.upright.shape == (10, 8, 2)
+    assert np.ptp(tries.speed.mean(axis=(1, 2))) > 0.1
 
 
 @pytest.fixture
@@ -84,7 +132,7 @@ def test_the_stage_leaves_a_teachers_artifact(compose_config: Composer, tmp_path
     log = SilentLog()
     teacher.run(config, {}, tmp_path, log)
     assert [step for step, _ in log.rows] == [1, 2, 3, 4]
-    assert {"loss", "reward", "limp", "upright"} <= log.rows[0][1].keys()
+    assert {"loss", "reward", "limp", "flight", "upright"} <= log.rows[0][1].keys()
     checks = pd.read_csv(tmp_path / "checks.csv")
     assert checks.step.tolist() == [2, 3, 4]
     assert pd.read_csv(tmp_path / "gait.csv").walker.tolist() == ["teacher"]
@@ -95,15 +143,21 @@ def test_the_stage_leaves_a_teachers_artifact(compose_config: Composer, tmp_path
 
 
 def test_a_controller_comes_back_from_its_file_and_no_other_does(tmp_path: Path) -> None:
-    path, policy = tmp_path / "policy.safetensors", PhasePolicy(MEAN + 0.1)
+    path, spans = tmp_path / "policy.safetensors", [Span("target_speed", 0.1, 0.9)]
+    policy = PhasePolicy(np.tile(HOP.mean + 0.1, 2), "hop", spans)
     save_phase_policy(path, policy)
-    np.testing.assert_array_equal(load_phase_policy(path).parameters, policy.parameters)
+    back = load_phase_policy(path)
+    np.testing.assert_array_equal(back.parameters, policy.parameters)
+    assert (back.gait, back.spans) == ("hop", tuple(spans))
     tensors, metadata = load_tensors(path)
     spec = json.loads(metadata[NETWORK])
-    nan = {"parameters": torch.full((20,), float("nan"), dtype=torch.float64)}
+    nan = {"parameters": torch.full((42,), float("nan"), dtype=torch.float64)}
     for kept, said, line in (
         (tensors, spec | {"algorithm": "ppo"}, "algorithm ppo; needed: cmaes"),
         (tensors, {"algorithm": "cmaes"}, "does not describe its controller"),
+        (tensors, spec | {"gait": "fly"}, "does not describe its controller"),
+        (tensors, spec | {"spans": [["target_speed", 0.9, 0.1]]}, "does not describe its controller"),
+        (tensors, spec | {"spans": []}, r"parameters is torch.float64 \(42,\)"),
         (tensors, spec | {"observation_names": ["height"]}, "column 0 of what it reads is height"),
         ({"parameters": tensors["parameters"][:5]}, spec, r"parameters is torch.float64 \(5,\)"),
         (nan, spec, "not finite"),

@@ -13,7 +13,8 @@ from romgrl.artifacts.checkpoint import CHECKPOINT
 from romgrl.config.schema import Config
 from romgrl.gait.load_metrics import peak_force
 from romgrl.report.library_table import library_metrics, library_tables
-from romgrl.rom.phase_policy import MEAN, PhasePolicy
+from romgrl.rom.gait_clocks import RUN
+from romgrl.rom.phase_policy import PhasePolicy
 from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import library
 from romgrl.stages.library import library_cells
@@ -47,7 +48,7 @@ def falling(compose_config: Composer, tmp_path: Path) -> tuple[Config, Path]:
     """Four cells of a controller that falls within seconds, and its teacher's artifact."""
     config = compose_config("teacher=cmaes", *FEW, "teacher.algorithm=cmaes", "stage=library")
     (tmp_path / "teacher").mkdir()
-    save_phase_policy(tmp_path / "teacher" / "policy.safetensors", PhasePolicy(MEAN))
+    save_phase_policy(tmp_path / "teacher" / "policy.safetensors", PhasePolicy(RUN.mean))
     config.teacher.speeds, config.teacher.stiffness_shares = [3.0, 3.25], [0.7, 1.0]
     config.library.stiffness_shares = [0.7, 1.0]
     return config, tmp_path / "teacher"
@@ -75,6 +76,7 @@ def test_refused_cells_stay_in_the_table_with_the_reason(falling: tuple[Config, 
     assert 0 < whole.sum() < whole.size
     assert library_metrics(output) == {"cells": 4.0, "fit_percent": 0.0}
     assert (output / "gait_atlas.png").stat().st_size > 10_000
+    assert "Fit to be imitated: 0 of 4 cells." in (output / "report.html").read_text("utf-8")
     (shown,) = library_tables(output)
     assert shown.row_count == 4
 
@@ -115,9 +117,16 @@ def test_a_finished_cell_survives_an_interruption(
 
 
 def test_the_table_says_what_is_not_human(tmp_path: Path) -> None:
-    fit = {"fit": "True", "reason": "", "speed_m_per_s": 4.0, "steady_speed_m_per_s": 4.0, "stride_frequency_hz": 2.5}
+    fit = {
+        "gait": "run",
+        "fit": "True",
+        "reason": "",
+        "speed_m_per_s": 4.0,
+        "steady_speed_m_per_s": 4.0,
+        "stride_frequency_hz": 2.5,
+    }
     fit |= {"duty_factor": 0.3, "pelvis_excursion_m": 0.08, "multiplier": 0.4}
-    refused = {"fit": "False", "reason": "the reference hops", "speed_m_per_s": 5.0, "multiplier": 0.9}
+    refused = {"gait": "run", "fit": "False", "reason": "the reference hops", "speed_m_per_s": 5.0, "multiplier": 0.9}
     pd.DataFrame([fit, refused]).to_csv(tmp_path / "library.csv", index=False)
     assert library_metrics(tmp_path) == {"cells": 2.0, "fit_percent": 50.0, "largest_multiplier": 0.4}
     (table,) = library_tables(tmp_path)

@@ -1,1 +1,1 @@
-"""report.html: one page that plays the recorded gaits and shows all that was measured, with nothing to install."""
+"""report.html: one page that plays recorded gaits and shows all that was measured, with nothing to install."""

@@ -2,7 +2,9 @@
 // Plotly's charts, drawn when they come into view, and a cursor over each that follows the player.
 const charts = new Map();
 const visible = new Set();
-let goTo = () => {};
+let goTo = () => {}; // what a click at a time does
+let pick = () => {}; // what a click on a point does
+let pointAt = () => null; // where a dot is: its name, what it follows, the time -> [x, y]
 
 function themed() {
   const axis = { gridcolor: colour("--rule"), linecolor: colour("--faint"), tickcolor: colour("--faint") };
@@ -27,6 +29,7 @@ function drawChart(chart) {
     chart.cursors = cursorsOf(chart);
     chart.plot.on("plotly_afterplot", () => placeCursor(chart, lastTime));
     if (chart.cursor === "time") chart.plot.addEventListener("click", (event) => goToPixel(chart.plot, event.clientX));
+    chart.plot.on("plotly_click", ({ points }) => pick(points[0]));
     placeCursor(chart, lastTime);
   });
 }
@@ -66,19 +69,13 @@ function placeCursor(chart, time) {
   if (!chart.cursors || !chart.cursors.length) return;
   const box = frame(chart.plot);
   for (const { name, element } of chart.cursors) {
-    const point = name ? pointAt(chart.cursor[name], time) : [time, null];
-    const there = point !== null && box.inside(point[0], point[1]) && (!name || shown.has(name));
+    const point = name ? pointAt(name, chart.cursor[name], time) : [time, null];
+    const there = point !== null && box.inside(point[0], point[1]);
     element.style.display = there ? "block" : "none";
     if (!there) continue;
     if (!name) element.style.height = `${box.height}px`;
     element.style.transform = `translate(${box.x(point[0])}px, ${name ? box.y(point[1]) : box.top}px)`;
   }
-}
-
-function pointAt(cursor, time) {
-  const step = Math.round(time / scene.dt) - cursor.offset;
-  const [x, y] = [cursor.x[step], cursor.y[step]];
-  return x === undefined || x === null || y === null ? null : [x, y];
 }
 
 function placeCursors(time) {

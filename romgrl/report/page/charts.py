@@ -25,12 +25,17 @@ BAND = 0.18  # opacity
 
 @dataclass(frozen=True)
 class Chart:
-    """One plot. cursor: None, `time` (a line at the player's time), or per walker the point (x, y) of each step."""
+    """One plot, `height` pixels high; None: as the page's style says.
+
+    cursor: None, `time` (a line at the player's time), or what each dot follows: in the report, per walker, the point
+    (x, y) of each step.
+    """
 
     key: str
     title: str
     figure: Any
     cursor: str | dict[str, dict[str, Any]] | None = None
+    height: int | None = None
 
 
 def channels(tracks: Mapping[str, Track], dt: float) -> list[Chart]:
@@ -184,11 +189,12 @@ def _points(curves: Mapping[str, tuple[Any, Any]], tracks: Mapping[str, Track]) 
 
 def _cursor(x: Any, y: Any, offset: int) -> dict[str, Any]:
     """Where a walker's dot is, from step `offset` on; null where it is nowhere."""
-
-    def listed(values: Any) -> list[float | None]:
-        return [round(float(value), 4) if np.isfinite(value) else None for value in values]
-
     return {"offset": offset, "x": listed(x), "y": listed(y)}
+
+
+def listed(values: Any) -> list[float | None]:
+    """Numbers for JSON, to four decimals; null for what is not known."""
+    return [round(float(value), 4) if np.isfinite(value) else None for value in values]
 
 
 def _short(values: Any) -> Any:

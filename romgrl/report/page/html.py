@@ -15,18 +15,29 @@ from plotly.offline import get_plotlyjs
 from romgrl.report.page.charts import Chart
 
 FOLDER = Path(__file__).parent
+SHARED_SCRIPTS = ("player.js", "charts.js")
 
 
-def render_page(path: Path, *, scene: dict[str, Any], sections: Mapping[str, Sequence[Chart]], **content: Any) -> None:
-    """Write the page. scene: what the player draws; sections: charts by place; content: the template's other values."""
+def render_page(
+    path: Path,
+    *,
+    scene: dict[str, Any],
+    sections: Mapping[str, Sequence[Chart]],
+    name: str = "page",
+    **content: Any,
+) -> None:
+    """Write the page of NAME.html and NAME.js.
+
+    scene: what the player draws; sections: charts by place; content: the template's other values.
+    """
     environment = Environment(loader=FileSystemLoader(FOLDER), autoescape=True, undefined=StrictUndefined)
     charts = [chart for section in sections.values() for chart in section]
-    page = environment.get_template("page.html").render(
+    page = environment.get_template(f"{name}.html").render(
         **content,
         sections=sections,
         data=script_data({"scene": scene, "colors": content["colors"], "charts": [specification(c) for c in charts]}),
         style=Markup((FOLDER / "page.css").read_text("utf-8")),
-        scripts=[Markup((FOLDER / name).read_text("utf-8")) for name in ("player.js", "charts.js", "page.js")],
+        scripts=[Markup((FOLDER / script).read_text("utf-8")) for script in (*SHARED_SCRIPTS, f"{name}.js")],
         plotly=Markup(get_plotlyjs()),
     )
     path.write_text(page, "utf-8")

@@ -1,12 +1,56 @@
 "use strict";
-// The clock that moves the player and every cursor, its controls and keys.
-const SPEEDS = [0.1, 0.25, 0.5, 1, 2];
-const byId = (id) => document.getElementById(id);
+// The report's player: student, baseline and teacher over one another, and every cursor at their time.
+const duration = scene.dt * (scene.steps - 1);
+const layer = document.createElement("canvas");
+const shown = new Set(Object.keys(walkers));
+let apart = false;
 let time = scene.first * scene.dt; // where all walkers are there
 const places = Object.fromEntries([...document.querySelectorAll("[data-distance]")].map((e) => [e.dataset.distance, e]));
-let playing = false;
 let span = null; // [start, stop] in seconds of the stride that is looped
-let before = null;
+
+// A body as thick lines with round ends, in two passes: first all outlines, then all fillings.
+function drawBody(context, pose, view, tone) {
+  context.lineCap = "round";
+  for (const far of [1, 0]) {
+    for (const [grow, style] of [[2.5, colour("--panel")], [0, far ? mixed(tone) : tone]]) {
+      context.strokeStyle = style;
+      scene.segments.forEach(([radius, side], i) => {
+        if (side !== far) return;
+        context.lineWidth = 2 * radius * view.scale + grow;
+        context.beginPath();
+        context.moveTo(view.x(pose.points[4 * i]), view.y(pose.points[4 * i + 1]));
+        context.lineTo(view.x(pose.points[4 * i + 2]) + 0.01, view.y(pose.points[4 * i + 3]));
+        context.stroke();
+      });
+    }
+  }
+}
+
+// All walkers at a time; returns how far each has gone, in metres.
+function drawScene(time) {
+  const [width, height] = [canvas.clientWidth, canvas.clientHeight];
+  if (!width || !height) return {};
+  const context = fitted(canvas, width, height);
+  const names = ["baseline", "student", "teacher"].filter((name) => shown.has(name) && name in walkers);
+  const scale = Math.min((height - 46) / 1.95, apart ? width / (1.5 * Math.max(1, names.length)) : width / 1.8);
+  const ground = height - 30;
+  const poses = Object.fromEntries(Object.keys(walkers).map((name) => [name, poseAt(walkers[name], time)]));
+  const leader = ["student", "baseline", "teacher"].find((name) => shown.has(name) && poses[name]);
+  context.font = "11px system-ui, sans-serif";
+  const reach = Math.min(width, 2.6 * scale); // no limb leaves it
+  const view = (middle) => ({ scale, x: (x) => middle + scale * x, y: (y) => ground - scale * y });
+  drawGround(context, view(width / 2), leader ? poses[leader].x : 0, width);
+  names.forEach((name, place) => {
+    if (!poses[name]) return;
+    const shift = apart ? ((place + 0.5) / names.length - 0.5) * Math.min(width, 1.6 * scale * names.length) : 0;
+    const over = fitted(layer, reach, height);
+    (name === "teacher" ? drawModel : drawBody)(over, poses[name], view(reach / 2), page.colors[name]);
+    context.globalAlpha = name === "teacher" || apart ? 1 : name === "student" ? 0.85 : 0.6;
+    context.drawImage(layer, width / 2 + shift - reach / 2, 0, reach, height);
+    context.globalAlpha = 1;
+  });
+  return Object.fromEntries(Object.entries(poses).map(([name, pose]) => [name, pose && pose.x]));
+}
 
 function show() {
   const distances = drawScene(time);
@@ -19,22 +63,19 @@ function show() {
   placeCursors(time);
 }
 
-function tick(now) {
-  if (!playing) return;
+advance = (seconds) => {
   const [start, stop] = span || [0, duration];
-  time += before === null ? 0 : (Number(byId("speed").value) * (now - before)) / 1000;
+  time += seconds;
   if (time > stop || time < start) time = start + ((time - start) % (stop - start) + (stop - start)) % (stop - start);
-  before = now;
   show();
-  requestAnimationFrame(tick);
-}
+};
 
-function play(on) {
-  playing = on;
-  before = null;
-  byId("play").textContent = on ? "Pause" : "Play";
-  if (on) requestAnimationFrame(tick);
-}
+// Where the dot of a walker is on a chart: at its own step, nowhere while it is hidden.
+pointAt = (name, cursor, at) => {
+  const step = Math.round(at / scene.dt) - cursor.offset;
+  const [x, y] = [cursor.x[step], cursor.y[step]];
+  return !shown.has(name) || x === undefined || x === null || y === null ? null : [x, y];
+};
 
 function seek(to) {
   time = Math.min(Math.max(to, 0), duration);
@@ -66,17 +107,9 @@ function setApart(on) {
   show();
 }
 
-function changeSpeed(by) {
-  const index = SPEEDS.indexOf(Number(byId("speed").value)) + by;
-  byId("speed").value = SPEEDS[Math.min(Math.max(index, 0), SPEEDS.length - 1)];
-}
-
 const KEYS = {
-  " ": () => play(!playing),
   ArrowLeft: (event) => seek(time - scene.dt * (event.shiftKey ? 10 : 1)),
   ArrowRight: (event) => seek(time + scene.dt * (event.shiftKey ? 10 : 1)),
-  ArrowUp: () => changeSpeed(1),
-  ArrowDown: () => changeSpeed(-1),
   Home: () => seek(0),
   End: () => seek(duration),
   l: () => loop(span === null),
@@ -86,20 +119,8 @@ const KEYS = {
   3: () => document.querySelectorAll("#walkers input")[2]?.click(),
 };
 
-// Keys are the player's, except those that the focused control needs for itself.
-document.addEventListener("keydown", (event) => {
-  const { tagName, type } = event.target;
-  const own = tagName === "SELECT" || ((tagName === "BUTTON" || tagName === "SUMMARY" || type === "checkbox") && event.key === " ");
-  const action = KEYS[event.key.length === 1 ? event.key.toLowerCase() : event.key];
-  if (!action || own || event.ctrlKey || event.metaKey || event.altKey) return;
-  event.preventDefault();
-  action(event);
-});
-
-for (const speed of SPEEDS) byId("speed").add(new Option(`${speed} ×`, speed, speed === 1, speed === 1));
 byId("scrub").max = duration;
 byId("scrub").addEventListener("input", (event) => seek(Number(event.target.value)));
-byId("play").addEventListener("click", () => play(!playing));
 byId("back").addEventListener("click", () => seek(time - scene.dt));
 byId("forward").addEventListener("click", () => seek(time + scene.dt));
 byId("loop").addEventListener("click", () => loop(span === null));
@@ -108,7 +129,5 @@ byId("walkers").addEventListener("change", (event) => {
   event.target.checked ? shown.add(event.target.value) : shown.delete(event.target.value);
   show();
 });
-new ResizeObserver(show).observe(canvas);
-window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", show);
 goTo = seek;
-show();
+startPlayer(KEYS, show);

@@ -1,13 +1,15 @@
 "use strict";
-// The recorded gaits: points in whole millimetres, forward of each walker's root, drawn on a canvas.
+// What the pages share: recorded gaits (points in whole millimetres, forward of each walker's root), how the
+// reduced-order model and the ground are drawn on the canvas, and the clock that moves them, with its keys.
 const page = JSON.parse(document.getElementById("data").textContent);
 const scene = page.scene;
 const walkers = scene.walkers;
-const duration = scene.dt * (scene.steps - 1);
-const canvas = document.getElementById("stage");
-const layer = document.createElement("canvas");
-const shown = new Set(Object.keys(walkers));
-let apart = false;
+const byId = (id) => document.getElementById(id);
+const canvas = byId("stage");
+const PACES = [0.1, 0.25, 0.5, 1, 2];
+let playing = false;
+let before = null;
+let advance = () => {}; // what so many seconds of the clock do
 
 for (const walker of Object.values(walkers)) {
   const bytes = Uint8Array.from(atob(walker.points), (letter) => letter.charCodeAt(0));
@@ -37,24 +39,6 @@ function poseAt(walker, time) {
     points[i] = (a + share * (walker.points[next * walker.width + i] - a)) / 1000;
   }
   return { points, x: walker.x[first] + share * (walker.x[next] - walker.x[first]), contact: walker.contact[first] };
-}
-
-// A body as thick lines with round ends, in two passes: first all outlines, then all fillings.
-function drawBody(context, pose, view, tone) {
-  context.lineCap = "round";
-  for (const far of [1, 0]) {
-    for (const [grow, style] of [[2.5, colour("--panel")], [0, far ? mixed(tone) : tone]]) {
-      context.strokeStyle = style;
-      scene.segments.forEach(([radius, side], i) => {
-        if (side !== far) return;
-        context.lineWidth = 2 * radius * view.scale + grow;
-        context.beginPath();
-        context.moveTo(view.x(pose.points[4 * i]), view.y(pose.points[4 * i + 1]));
-        context.lineTo(view.x(pose.points[4 * i + 2]) + 0.01, view.y(pose.points[4 * i + 3]));
-        context.stroke();
-      });
-    }
-  }
 }
 
 function mixed(tone) {
@@ -121,28 +105,39 @@ function fitted(element, width, height) {
   return context;
 }
 
-// All walkers at a time; returns how far each has gone, in metres.
-function drawScene(time) {
-  const [width, height] = [canvas.clientWidth, canvas.clientHeight];
-  if (!width || !height) return {};
-  const context = fitted(canvas, width, height);
-  const names = ["baseline", "student", "teacher"].filter((name) => shown.has(name) && name in walkers);
-  const scale = Math.min((height - 46) / 1.95, apart ? width / (1.5 * Math.max(1, names.length)) : width / 1.8);
-  const ground = height - 30;
-  const poses = Object.fromEntries(Object.keys(walkers).map((name) => [name, poseAt(walkers[name], time)]));
-  const leader = ["student", "baseline", "teacher"].find((name) => shown.has(name) && poses[name]);
-  context.font = "11px system-ui, sans-serif";
-  const reach = Math.min(width, 2.6 * scale); // no limb leaves it
-  const view = (middle) => ({ scale, x: (x) => middle + scale * x, y: (y) => ground - scale * y });
-  drawGround(context, view(width / 2), leader ? poses[leader].x : 0, width);
-  names.forEach((name, place) => {
-    if (!poses[name]) return;
-    const shift = apart ? ((place + 0.5) / names.length - 0.5) * Math.min(width, 1.6 * scale * names.length) : 0;
-    const over = fitted(layer, reach, height);
-    (name === "teacher" ? drawModel : drawBody)(over, poses[name], view(reach / 2), page.colors[name]);
-    context.globalAlpha = name === "teacher" || apart ? 1 : name === "student" ? 0.85 : 0.6;
-    context.drawImage(layer, width / 2 + shift - reach / 2, 0, reach, height);
-    context.globalAlpha = 1;
+function tick(now) {
+  if (!playing) return;
+  advance(before === null ? 0 : (Number(byId("speed").value) * (now - before)) / 1000);
+  before = now;
+  requestAnimationFrame(tick);
+}
+
+function play(on) {
+  playing = on;
+  before = null;
+  byId("play").textContent = on ? "Pause" : "Play";
+  if (on) requestAnimationFrame(tick);
+}
+
+function changePace(by) {
+  const index = PACES.indexOf(Number(byId("speed").value)) + by;
+  byId("speed").value = PACES[Math.min(Math.max(index, 0), PACES.length - 1)];
+}
+
+// The controls that every player has, and its keys, except those that the focused control needs for itself.
+function startPlayer(keys, show) {
+  const shared = { " ": () => play(!playing), ArrowUp: () => changePace(1), ArrowDown: () => changePace(-1) };
+  document.addEventListener("keydown", (event) => {
+    const { tagName, type } = event.target;
+    const own = tagName === "SELECT" || ((["BUTTON", "SUMMARY"].includes(tagName) || type === "checkbox") && event.key === " ");
+    const action = { ...shared, ...keys }[event.key.length === 1 ? event.key.toLowerCase() : event.key];
+    if (!action || own || event.ctrlKey || event.metaKey || event.altKey) return;
+    event.preventDefault();
+    action(event);
   });
-  return Object.fromEntries(Object.entries(poses).map(([name, pose]) => [name, pose && pose.x]));
+  for (const pace of PACES) byId("speed").add(new Option(`${pace} ×`, pace, pace === 1, pace === 1));
+  byId("play").addEventListener("click", () => play(!playing));
+  new ResizeObserver(show).observe(canvas);
+  window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", show);
+  show();
 }

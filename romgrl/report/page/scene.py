@@ -73,9 +73,14 @@ def teacher_track(teacher: Gait, beside: Track, window: int) -> Track:
     kept = slice(first, first + span)
     velocity = np.zeros(span) if teacher.velocity is None else teacher.velocity[episode, kept]
     features = teacher.features[episode, kept]
-    x = np.concatenate(([0.0], np.cumsum(velocity[:-1]) * teacher.dt))
     contact = contacts(teacher)[episode, kept]
-    return Track(features, velocity, contact, rom_points(features), x, teacher.dt, beside.end - span)
+    points, x = rom_points(features), gone(velocity, teacher.dt)
+    return Track(features, velocity, contact, points, x, teacher.dt, beside.end - span)
+
+
+def gone(velocity: Floats, dt: float) -> Floats:
+    """How far (T,) m a walker is from where it began, by its velocity (T,) m/s."""
+    return np.concatenate(([0.0], np.cumsum(0.5 * (velocity[1:] + velocity[:-1])) * dt))
 
 
 def rom_points(features: Floats) -> Floats:
@@ -115,14 +120,7 @@ def humanoid_points(model: Any, states: Floats) -> tuple[Floats, Floats]:
 def scene(tracks: Mapping[str, Track], parts: list[DrawnSegment], foot_radius: float, dt: float) -> dict[str, Any]:
     """All that the player needs, for JSON. Arrays are 16-bit integers, base64: points and x in millimetres."""
     walkers = {
-        name: {
-            "offset": track.offset,
-            "steps": len(track.x),
-            "points": encoded(track.points),
-            "x": [round(float(value), 3) for value in track.x - track.x[0]],
-            "contact": track.contact.astype(int).tolist(),
-            "strides": track.strides,
-        }
+        name: recording(track.points, track.x, track.contact, track.strides, track.offset)
         for name, track in tracks.items()
     }
     return {
@@ -132,6 +130,18 @@ def scene(tracks: Mapping[str, Track], parts: list[DrawnSegment], foot_radius: f
         "segments": [[round(part.radius, 4), int(part.far)] for part in parts],
         "foot_radius": foot_radius,
         "walkers": walkers,
+    }
+
+
+def recording(points: Floats, x: Floats, contact: Bools, strides: list[int], offset: int = 0) -> dict[str, Any]:
+    """One walker of the player: points (T, P, 2) m, x (T,) m, contact (T, 2), and what else a Track says of them."""
+    return {
+        "offset": offset,
+        "steps": len(x),
+        "points": encoded(points),
+        "x": [round(float(value), 3) for value in x - x[0]],
+        "contact": contact.astype(int).tolist(),
+        "strides": strides,
     }
 
 

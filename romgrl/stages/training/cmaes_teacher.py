@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from contextlib import closing
+from contextlib import ExitStack, closing
 from pathlib import Path
 
 import torch
@@ -12,11 +12,14 @@ from romgrl.config.teachers import CMAESTeacher
 from romgrl.runtime.stage_log import StageLog
 from romgrl.stages.training.cycle_search import CycleSearch
 from romgrl.stages.training.speed_check import SpeedChecks
+from romgrl.stages.wiring.commands import checked_tasks
 from romgrl.stages.wiring.rom import rom_env
 from romgrl.stages.wiring.teacher_policy import save_phase_policy
 
-CHECKS, EPISODES = 40, 40
-"""How often a search checks its mean over its second half, and in how many episodes: what falls seldom falls."""
+CHECKED_EPISODES = 1600
+"""In how many episodes a search checks its mean over its second half, a few at a time: what falls seldom falls."""
+EPISODES = 40
+"""Of each check of a task."""
 
 
 def train_by_cmaes(config: Config, output: Path, log: StageLog) -> None:
@@ -27,16 +30,18 @@ def train_by_cmaes(config: Config, output: Path, log: StageLog) -> None:
     torch.set_num_threads(1)
     teacher = config.teacher
     assert isinstance(teacher, CMAESTeacher)
-    worlds = teacher.population * teacher.rollouts
-    env = rom_env(config, num_envs=worlds, episode_steps=teacher.search_steps + 1, training=True)
-    total = teacher.generations
-    checks = SpeedChecks.of(config, output, log, interval=max(1, total // (2 * CHECKS)), total=total, episodes=EPISODES)
-    with closing(env):
-        search = CycleSearch(teacher, env, config.seed)
+    asked, total = checked_tasks(config), teacher.generations
+    checks = max(1, CHECKED_EPISODES // (EPISODES * len(asked)))
+    watch = SpeedChecks.of(config, output, log, interval=max(1, total // (2 * checks)), total=total, episodes=EPISODES)
+    worlds, steps = teacher.population * teacher.rollouts, teacher.search_steps + 1
+    with ExitStack() as stack:
+        envs = [stack.enter_context(closing(rom_env(at, num_envs=worlds, episode_steps=steps))) for at in asked]
+        tasks = [(at.teacher.speed, env) for at, env in zip(asked, envs, strict=True)]
+        search = CycleSearch(teacher, tasks, config.seed)
         for generation in range(1, total + 1):
             told = search.generation(generation)
             log.metrics(told, generation)
             log.progress(generation, total, loss=told["loss"], upright=told["upright"])
-            checks.check_if_due(generation, search)
-    checks.keep_best(search)
+            watch.check_if_due(generation, search)
+    watch.keep_best(search)
     save_phase_policy(output / "policy.safetensors", search.mean_policy())

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import NamedTuple
+from collections.abc import Sequence
 
 import numpy as np
 from cmaes import CMA
@@ -11,120 +10,111 @@ from numpy.typing import NDArray
 
 from romgrl.algorithms.divergence import check_physics
 from romgrl.config.teachers import CMAESTeacher
+from romgrl.gait.footfall import FOOTFALLS
 from romgrl.gait.metrics import GRAVITY
+from romgrl.rom.gait_clocks import CLOCKS
 from romgrl.rom.interface import RomVectorEnv
-from romgrl.rom.phase_policy import DEVIATION, MEAN, PhasePolicy
+from romgrl.rom.phase_policy import COLUMNS, PhasePolicy, Span
+from romgrl.stages.training.cycle_measures import Tries, TrySums
 
 Array = NDArray[np.float64]
+Task = tuple[float, RomVectorEnv]
+"""The speed that is asked for, m/s, and the worlds of it."""
 
 LIMP_FREE = 0.08
 """Deviation of the times between touchdowns, share of their mean, that costs nothing."""
-LEASH = 2e-4
+LEAST_KEPT = 0.05
+"""Share of what a controller is paid that no price takes: falling is never cheaper."""
+LEASH = 1e-4
 """What a controller loses by its squared distance from the first one, in deviations: where all fall, it decides."""
 SHORTER = ((0.15, 4), (0.3, 2))
 """Until this share of the generations tries are shorter by this factor: what falls at once is sorted out cheaply."""
-
-
-class Tries(NamedTuple):
-    """What controllers came to, each (C,), a mean over its worlds: reward per step, share of the steps before a fall,
-    deviation of the times between touchdowns over their mean."""
-
-    reward: Array
-    upright: Array
-    limp: Array
-
-
-@dataclass
-class TouchdownTimes:
-    """The times between touchdowns of (N,) worlds, as sums: only one that follows another is counted."""
-
-    side: Array
-    last: Array
-    count: Array
-    total: Array
-    squares: Array
-
-    @classmethod
-    def of(cls, side: Array) -> TouchdownTimes:
-        """Before the first one."""
-        return cls(side.copy(), np.full(len(side), np.nan), *(np.zeros(len(side)) for _ in range(3)))
-
-    def add(self, side: Array, time: Array, counted: NDArray[np.bool_]) -> None:
-        """Take in a step: the side of the last touchdown and when it was, s."""
-        new = counted & (side != self.side)
-        gap = np.where(new & np.isfinite(self.last), time - self.last, 0.0)
-        self.count += gap > 0
-        self.total += gap
-        self.squares += gap**2
-        self.last[new] = time[new]
-        self.side[:] = side
-
-    def spread(self) -> Array:
-        """Deviation over mean; 0.5 where there are not two."""
-        count = np.maximum(self.count, 1)
-        mean = self.total / count
-        deviation = np.sqrt(np.maximum(self.squares / count - mean**2, 0.0))
-        return np.where(self.count >= 2, deviation / np.maximum(mean, 1e-9), 0.5)
+SLOPE = 0.5
+"""First deviation of what a parameter grows by over half a span, share of the parameter's."""
 
 
 class CycleSearch:
-    """The search of a teacher: `generation` after `generation`, and the mean of what it has come to as a policy."""
+    """The search of a teacher: `generation` after `generation`, and the mean of what it has come to as a policy.
 
-    def __init__(self, teacher: CMAESTeacher, env: RomVectorEnv, seed: int) -> None:
-        self.teacher, self.env, self.seed = teacher, env, seed
+    tasks: each of population * rollouts worlds; all controllers are tried in each of them.
+    """
+
+    def __init__(self, teacher: CMAESTeacher, tasks: Sequence[Task], seed: int) -> None:
+        self.teacher, self.tasks, self.seed = teacher, tasks, seed
+        clock, parameters = CLOCKS[teacher.gait], tasks[0][1].parameters
+        self.speed_unit = float(np.sqrt(GRAVITY * parameters.leg_length))
+        self.power_unit = parameters.mass * GRAVITY * self.speed_unit
+        self.spans = spans_of(teacher, self.speed_unit)
+        self.mean = np.concatenate([clock.mean, *(np.zeros(len(clock.mean)) for _ in self.spans)])
+        self.deviation = np.concatenate([clock.deviation, *(SLOPE * clock.deviation for _ in self.spans)])
         self.cma = CMA(
-            mean=np.zeros(len(MEAN)), sigma=teacher.spread, population_size=teacher.population, seed=seed % 2**32
+            mean=np.zeros(len(self.mean)), sigma=teacher.spread, population_size=teacher.population, seed=seed % 2**32
         )
-        self.best = MEAN.copy()
-        names = list(env.observation_names)
-        self._side, self._age = names.index("last_touchdown_side"), names.index("time_since_touchdown")
-        self._time_unit = float(np.sqrt(env.parameters.leg_length / GRAVITY))
+        self.best = self.mean.copy()
 
     def generation(self, number: int) -> dict[str, float]:
         """Try a population and learn from it; what the best of it came to."""
         asked = np.array([self.cma.ask() for _ in range(self.teacher.population)])
-        tries = self.tries(MEAN + DEVIATION * asked, self.steps_of(number), self.seed + number)
-        lost = self.losses(tries) + LEASH * (asked**2).sum(axis=1)
-        self.cma.tell([(each, float(loss)) for each, loss in zip(asked, lost, strict=True)])
-        self.best = MEAN + DEVIATION * self.cma.mean
-        first = int(np.argmin(lost))
-        told = {"loss": lost[first], "reward": tries.reward[first], "limp": tries.limp[first]}
-        return {name: float(value) for name, value in told.items()} | {"upright": float(tries.upright.mean())}
-
-    def steps_of(self, number: int) -> int:
-        """How long the tries of a generation are."""
         done = number / self.teacher.generations
+        tries = self.tries(self.mean + self.deviation * asked, self.steps_of(done), self.seed + number)
+        paid = self.paid(tries)
+        lost = 1.0 - (paid * self.kept(tries)).mean(axis=(0, 2)) + LEASH * (asked**2).sum(axis=1)
+        self.cma.tell([(each, float(loss)) for each, loss in zip(asked, lost, strict=True)])
+        self.best = self.mean + self.deviation * self.cma.mean
+        first = int(np.argmin(lost))
+        told = {"loss": lost[first], "reward": paid[:, first].mean(), "limp": tries.limp[:, first].mean()}
+        told |= {"flight": tries.flight[:, first].mean(), "upright": tries.upright.mean()}
+        return {name: float(value) for name, value in told.items()}
+
+    def steps_of(self, done: float) -> int:
+        """How long tries are after a share of the search."""
         return self.teacher.search_steps // next((by for until, by in SHORTER if done < until), 1)
 
-    def losses(self, tries: Tries) -> Array:
-        """What is made small: a lost share of the reward, and a limp of what walks."""
-        limp = np.maximum(tries.limp - LIMP_FREE, 0.0)
-        return 1.0 - tries.reward + self.teacher.limp_cost * np.maximum(tries.reward, 0.0) * limp
+    def paid(self, tries: Tries) -> Array:
+        """What worlds earn by their mean speed, the less the sooner they fall."""
+        asked = np.array([speed for speed, _ in self.tasks])[:, None, None]
+        return np.asarray(tries.upright * np.exp(-self.teacher.alpha * np.abs(tries.speed - asked)))
+
+    def kept(self, tries: Tries) -> Array:
+        """Which share of it they keep: what they limp, fly too much or too little for the gait, and work, costs."""
+        least, most = FOOTFALLS[self.teacher.gait].flight
+        wrong = np.maximum(tries.flight - most, 0.0) + np.maximum(least - tries.flight, 0.0)
+        costs = self.teacher.limp_cost * np.maximum(tries.limp - LIMP_FREE, 0.0) + self.teacher.flight_cost * wrong
+        costs += self.teacher.work_cost * tries.power / self.power_unit
+        return np.asarray(np.clip(1.0 - costs, LEAST_KEPT, 1.0))
 
     def tries(self, parameters: Array, steps: int, seed: int) -> Tries:
-        """Run each of the controllers (C, P) in its worlds; DivergenceError where the physics does."""
-        env, worlds = self.env, len(parameters) * self.teacher.rollouts
-        policy = PhasePolicy(np.repeat(parameters, self.teacher.rollouts, axis=0))
-        observation, _ = env.reset(seed=seed)
-        upright, reward, lasted = np.ones(worlds, bool), np.zeros(worlds), np.zeros(worlds)
-        times = TouchdownTimes.of(observation[:, self._side])
+        """Run each of the controllers (C, P) in its worlds of each task, (tasks, C, rollouts).
+
+        DivergenceError where the physics diverges.
+        """
+        policy = self.policy(np.tile(np.repeat(parameters, self.teacher.rollouts, axis=0), (len(self.tasks), 1)))
+        worlds = len(parameters) * self.teacher.rollouts
+        observation = np.concatenate([env.reset(seed=seed)[0] for _, env in self.tasks])
+        side, age = COLUMNS["last_touchdown_side"], COLUMNS["time_since_touchdown"]
+        dt, second = self.tasks[0][1].dt, self.speed_unit / GRAVITY
+        sums = TrySums(observation[:, side], FOOTFALLS[self.teacher.gait].phase, steps, dt)
+        terminated = np.zeros(len(observation), bool)
+        told = ("contact", "positive_power", "forward_velocity")
         for step in range(steps):
-            observation, paid, terminated, _, info = env.step(policy(observation))
-            check_physics(info["diverged"])
-            upright &= ~terminated
-            reward += np.where(upright, paid, 0.0)
-            lasted += upright
-            now = (step + 1) * env.dt - observation[:, self._age] * self._time_unit
-            times.add(observation[:, self._side], now, upright)
-        each = (
-            values.reshape(len(parameters), -1).mean(axis=1)
-            for values in (reward / steps, lasted / steps, times.spread())
-        )
-        return Tries(*each)
+            action, infos = policy(observation), []
+            for place, (_, env) in enumerate(self.tasks):
+                rows = slice(place * worlds, (place + 1) * worlds)
+                observation[rows], _, terminated[rows], _, info = env.step(action[rows])
+                check_physics(info["diverged"])
+                infos.append(info)
+            info = {name: np.concatenate([each[name] for each in infos]) for name in told}
+            sums.add(step, observation[:, side], observation[:, age] * second, terminated, info)
+        shape = len(self.tasks), len(parameters), self.teacher.rollouts
+        return Tries(*(values.reshape(shape) for values in sums.tries()))
+
+    def policy(self, parameters: Array) -> PhasePolicy:
+        """Controllers of these parameters, (P,) or (N, P)."""
+        return PhasePolicy(parameters, self.teacher.gait, self.spans)
 
     def mean_policy(self) -> PhasePolicy:
         """The mean of the search."""
-        return PhasePolicy(self.best)
+        return self.policy(self.best)
 
     def policy_vector(self) -> Array:
         """Its parameters (P,)."""
@@ -133,3 +123,14 @@ class CycleSearch:
     def put_policy_vector(self, parameters: Array) -> None:
         """Take these for the best."""
         self.best = np.asarray(parameters, float)
+
+
+def spans_of(teacher: CMAESTeacher, speed_unit: float) -> list[Span]:
+    """What the controllers of a teacher follow; speed_unit: of the observation, m/s."""
+    spans = []
+    if teacher.speeds is not None:
+        low, high = teacher.speeds
+        spans.append(Span("target_speed", low / speed_unit, high / speed_unit))
+    if teacher.stiffness_shares is not None:
+        spans.append(Span("stiffness_share", *teacher.stiffness_shares))
+    return [span for span in spans if span.high > span.low]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 
 import torch
@@ -14,8 +15,9 @@ from romgrl.artifacts import load_tensors, save_tensors
 from romgrl.config.schema import Config
 from romgrl.config.teachers import PPOTeacher
 from romgrl.errors import ArtifactError
+from romgrl.rom.gait_clocks import CLOCKS
 from romgrl.rom.interface import RomVectorEnv
-from romgrl.rom.phase_policy import MEAN, PhasePolicy
+from romgrl.rom.phase_policy import COLUMNS, PhasePolicy, Span
 
 CONTROLLER = "parameters"  # the tensor of a controller
 
@@ -36,7 +38,8 @@ def read_teacher(directory: Path, config: Config, env: RomVectorEnv) -> PPOPolic
 
 def save_phase_policy(path: Path, policy: PhasePolicy) -> None:
     """Write the parameters of one controller, with what it reads."""
-    spec = {"algorithm": "cmaes", COLUMN_NAMES: list(policy.observation_names)}
+    spec: dict[str, object] = {"algorithm": "cmaes", COLUMN_NAMES: list(policy.observation_names)}
+    spec |= {"gait": policy.gait, "spans": policy.spans}
     save_tensors(path, {CONTROLLER: torch.from_numpy(policy.parameters[0])}, {NETWORK: json.dumps(spec)})
 
 
@@ -46,11 +49,19 @@ def load_phase_policy(path: Path) -> PhasePolicy:
     try:
         spec = json.loads(metadata[NETWORK])
         algorithm, names = spec["algorithm"], spec[COLUMN_NAMES]
+        size, spans = len(CLOCKS[spec["gait"]].mean), [spanned(*each) for each in spec["spans"]]
     except (KeyError, ValueError, TypeError) as error:
         raise ArtifactError(f"{path}: does not describe its controller; needed: metadata `{NETWORK}`") from error
     require(path, "algorithm", algorithm, "cmaes")
     require_names(path, names, PhasePolicy.observation_names)
-    check_tensors(path, tensors, {CONTROLLER: (torch.float64, MEAN.shape)})
+    check_tensors(path, tensors, {CONTROLLER: (torch.float64, (size * (1 + len(spans)),))})
     if not bool(torch.isfinite(tensors[CONTROLLER]).all()):
         raise ArtifactError(f"{path}: {CONTROLLER} holds numbers that are not finite")
-    return PhasePolicy(tensors[CONTROLLER].numpy())
+    return PhasePolicy(tensors[CONTROLLER].numpy(), spec["gait"], spans)
+
+
+def spanned(column: str, low: float, high: float) -> Span:
+    """A span from its file. Raises ValueError for one that is none."""
+    if column not in COLUMNS or not -math.inf < low < high < math.inf:
+        raise ValueError(f"{column} from {low} to {high}")
+    return Span(column, low, high)

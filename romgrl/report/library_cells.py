@@ -1,0 +1,84 @@
+"""The cells of a library: what of them is drawn, in which lines, beside which human bands, and what is said of one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from romgrl.gait import human_bands
+from romgrl.gait.features import Floats
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+MEASURED_CELLS = {
+    "steady_speed_m_per_s": "speed held [m/s]",
+    "stride_frequency_hz": "stride frequency [Hz]",
+    "duty_factor": "duty factor",
+    "pelvis_excursion_m": "vertical excursion [m]",
+    "peak_force_body_weights": "peak force [body weights]",
+    "net_extension_m": "net leg extension [m]",
+    "positive_work_j_per_kg_m": "positive work [J/kg/m]",
+    "multiplier": "largest Floquet multiplier",
+    "falls": "falls",
+}
+"""Columns of library.csv, and what stands over their panels; a library may lack some."""
+BAND_POINTS = 101
+REACH = 0.1  # m/s: how far the bands go to both sides of a table of one speed
+
+
+@dataclass(frozen=True)
+class CellLine:
+    """Cells of one stiffness, and of one gait where a library has several, by speed. rows: of library.csv.
+
+    gait: "" where there is one alone; color and dash: the numbers of the stiffness and of the gait.
+    """
+
+    share: float
+    gait: str
+    color: int
+    dash: int
+    rows: pd.DataFrame
+
+    @property
+    def label(self) -> str:
+        """As in `walk, stiffness × 0.7`."""
+        return ", ".join(part for part in (self.gait, f"stiffness × {self.share:g}") if part)
+
+
+def cell_lines(table: pd.DataFrame) -> list[CellLine]:
+    """The lines of library.csv: one for each stiffness and gait that it has."""
+    gaits = table.gait.to_numpy()
+    several = np.unique(gaits).tolist()
+    found = []
+    for color, share in enumerate(np.unique(table.stiffness_share).tolist()):
+        for dash, gait in enumerate(several):
+            rows = table[(table.stiffness_share == share) & (gaits == gait)].sort_values("speed_m_per_s")
+            if len(rows):
+                found.append(CellLine(share, gait if len(several) > 1 else "", color, dash, rows))
+    return found
+
+
+def band_curve(measure: str, table: pd.DataFrame) -> tuple[Floats, Floats, Floats]:
+    """Speeds (N,) m/s over those of library.csv, and what people show of a measure there, low and high (N,); nan: none.
+
+    There is none where no gait of the table is a walk or a run.
+    """
+    low, high = float(table.speed_m_per_s.min()), float(table.speed_m_per_s.max())
+    known = not set(human_bands.OF_PEOPLE).isdisjoint(table.gait)
+    reach = 0.0 if high > low else REACH
+    places = np.linspace(low - reach, high + reach, BAND_POINTS)
+    bands = [human_bands.bands(float(speed)).get(measure) if known else None for speed in places]
+    ends = [(np.nan, np.nan) if band is None else (band.low, band.high) for band in bands]
+    return places, *np.array(ends).T
+
+
+def said_of(fit: bool, reason: str, values: Mapping[str, float], gait: str) -> str:
+    """Why a cell is refused, or which human bands it leaves; values: the numbers of its row."""
+    if not fit:
+        return reason
+    off = human_bands.outside(values, values["speed_m_per_s"]) if gait in human_bands.OF_PEOPLE else {}
+    return f"yes; not human: {', '.join(off)}" if off else "yes"

@@ -1,0 +1,113 @@
+"""report.html of a library: the gait atlas as one page that plays every cell, with nothing to install."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from romgrl.report.library_cells import MEASURED_CELLS, CellLine, cell_lines, said_of
+from romgrl.report.numbers import significant
+from romgrl.report.page.html import render_page
+from romgrl.report.page.library_charts import atlas_charts, footfall_charts, line_color
+from romgrl.report.page.scene import recording, rom_points
+from romgrl.report.page.stretches import Stretch, steady_stretch
+
+RECORDED = ("features", "contact", "velocity", "episode")
+BORDERS = ("solid", "dashed", "dotted", "double")  # of gaits in the legend
+NEIGHBORS = {
+    "library.csv": "a row for each cell",
+    "library.npz": "the references",
+    "gait_atlas.png": "the atlas as a picture",
+    "gait_atlas.pdf": "for print",
+}
+"""What lies beside the page."""
+
+
+def write_library_page(
+    path: Path, table: pd.DataFrame, arrays: Mapping[str, NDArray[Any]], *, foot_radius: float, teacher: str
+) -> None:
+    """Write the page. table, arrays: library.csv and library.npz; foot_radius m; teacher: which it is, in words."""
+    table = table.reset_index(drop=True).fillna({"reason": ""})
+    dt, lines = float(arrays["dt"]), cell_lines(table)
+    recorded = zip(*(arrays[name] for name in RECORDED), strict=True)
+    stretches = [steady_stretch(*cell, dt=dt) for cell in recorded]
+    values = table.select_dtypes("number").astype(float).to_dict("records")
+    numbers = [{str(name): float(value) for name, value in row.items()} for row in values]
+    cells = zip(table.fit, table.reason, numbers, table.gait, strict=True)
+    said = [said_of(*cell) for cell in cells]
+    measures = {name: label for name, label in MEASURED_CELLS.items() if name in table}
+    texts = [[significant(row[name]) for name in measures] for row in numbers]
+    labels = {cell: line.label for line in lines for cell in line.rows.index}
+    render_page(
+        path,
+        name="library",
+        scene={
+            "dt": dt,
+            "foot_radius": foot_radius,
+            "walkers": played_cells(stretches),
+            "lines": [
+                {"gait": line.gait, "share": line.share, "color": line_color(line), "cells": line.rows.index.tolist()}
+                for line in lines
+            ],
+            "cells": [
+                {"speed": speed, "fit": bool(fit), "said": words, "numbers": shown}
+                for speed, fit, words, shown in zip(table.speed_m_per_s, table.fit, said, texts, strict=True)
+            ],
+            "start": first_cell(lines),
+        },
+        sections={
+            "atlas": atlas_charts(table, lines, said),
+            "footfall": footfall_charts(lines, stretches, dt),
+        },
+        title="Gait atlas",
+        headline=headline_of(table),
+        setting=f"Teacher: {teacher}.",
+        colors={},
+        legend=[(line.label, line_color(line), BORDERS[line.dash % len(BORDERS)]) for line in lines],
+        gaits=list(dict.fromkeys(line.gait for line in lines)),
+        measures=list(measures.values()),
+        rows=[
+            [f"{speed:g}", labels[cell], words, *shown]
+            for cell, (speed, shown, words) in enumerate(zip(table.speed_m_per_s, texts, said, strict=True))
+        ],
+        hertz=f"{1.0 / dt:.0f}",
+        files=NEIGHBORS,
+    )
+
+
+def played_cells(stretches: Sequence[Stretch | None]) -> dict[str, dict[str, Any]]:
+    """What the player draws of each cell that has a steady stretch, by its number."""
+    return {
+        str(cell): recording(rom_points(stretch.features), stretch.x, stretch.contact, stretch.strides)
+        for cell, stretch in enumerate(stretches)
+        if stretch is not None
+    }
+
+
+def first_cell(lines: Sequence[CellLine]) -> int:
+    """The cell that is shown first: the middle one of those that are fit, in the line that has most of them."""
+    rows = max((line.rows for line in lines), key=lambda cells: int(cells.fit.sum()))
+    kept = rows[rows.fit] if rows.fit.any() else rows
+    return int(kept.index[len(kept) // 2])
+
+
+def headline_of(table: pd.DataFrame) -> str:
+    """How many cells are fit, at which speeds, and what was asked for."""
+    fit = table[table.fit]
+    held = f", at {speed_span(fit.speed_m_per_s)} (held: {speed_span(fit.steady_speed_m_per_s)})" if len(fit) else ""
+    shares = ", ".join(f"{share:g}" for share in np.unique(table.stiffness_share))
+    return (
+        f"Fit to be imitated: {len(fit)} of {len(table)} cells{held}. "
+        f"Asked for: {speed_span(table.speed_m_per_s)}, stiffness × {shares}."
+    )
+
+
+def speed_span(speeds: pd.Series) -> str:
+    """The range of speeds in m/s, as text."""
+    ends = dict.fromkeys(significant(speed) for speed in (speeds.min(), speeds.max()))
+    return f"{' to '.join(ends)} m/s"

@@ -1,0 +1,105 @@
+"""What controllers come to in a try of a search: sums over its steps, and what they amount to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+SETTLED = 1 / 3
+"""The share of a try before its speed counts; of a world that falls within it, the speed until then does."""
+SHORTEST_GAP = 0.1
+"""Touchdowns of both feet within it, s, are one where the feet come down together."""
+
+
+class Tries(NamedTuple):
+    """What worlds came to, each (W,): share of the steps before a fall, mean speed once settled, m/s, deviation of the
+    times between touchdowns over their mean, share of the steps with no foot on the ground, positive power in W."""
+
+    upright: Array
+    speed: Array
+    limp: Array
+    flight: Array
+    power: Array
+
+
+@dataclass
+class TouchdownTimes:
+    """The times between touchdowns of (N,) worlds, as sums: only one that follows another is counted.
+
+    phase: of the right touchdown in the left stride, by which the times are made comparable; 0: both are one.
+    """
+
+    phase: float
+    side: Array
+    last: Array
+    count: Array
+    total: Array
+    squares: Array
+
+    @classmethod
+    def of(cls, side: Array, phase: float) -> TouchdownTimes:
+        """Before the first one."""
+        return cls(phase, side.copy(), np.full(len(side), np.nan), *(np.zeros(len(side)) for _ in range(3)))
+
+    def add(self, side: Array, time: Array, counted: NDArray[np.bool_]) -> None:
+        """Take in a step: the side of the last touchdown and when it was, s."""
+        if self.phase:
+            new = counted & (side != self.side)
+            usual = 2.0 * np.where(side > 0, 1.0 - self.phase, self.phase)
+        else:
+            new = counted & ~(time - self.last <= SHORTEST_GAP)  # true where there was none
+            usual = np.ones(len(side))
+        gap = np.where(new & np.isfinite(self.last), (time - self.last) / usual, 0.0)
+        self.count += gap > 0
+        self.total += gap
+        self.squares += gap**2
+        self.last[new] = time[new]
+        self.side[:] = side
+
+    def spread(self) -> Array:
+        """Deviation over mean; 0.5 where there are not two."""
+        count = np.maximum(self.count, 1)
+        mean = self.total / count
+        deviation = np.sqrt(np.maximum(self.squares / count - mean**2, 0.0))
+        return np.where(self.count >= 2, deviation / np.maximum(mean, 1e-9), 0.5)
+
+
+class TrySums:
+    """Sums over the steps of a try of W worlds, each until it falls."""
+
+    def __init__(self, side: Array, phase: float, steps: int, dt: float) -> None:
+        self.steps, self.dt, self.settled = steps, dt, int(SETTLED * steps)
+        self.times = TouchdownTimes.of(side, phase)
+        self.upright = np.ones(len(side), bool)
+        self.lasted, self.travelled, self.flown, self.work = (np.zeros(len(side)) for _ in range(4))
+        self.late = np.zeros((2, len(side)))  # steps once settled, and the speeds there
+
+    def add(
+        self, step: int, side: Array, age: Array, terminated: NDArray[np.bool_], info: dict[str, NDArray[np.float32]]
+    ) -> None:
+        """Take in step `step`: side and age, s, of the last touchdown and what the worlds tell."""
+        self.upright &= ~terminated
+        self.lasted += self.upright
+        self.flown += self.upright & ~info["contact"].any(axis=1)
+        self.work += np.where(self.upright, info["positive_power"], 0.0)
+        moved = np.where(self.upright, info["forward_velocity"], 0.0)
+        self.travelled += moved
+        if step >= self.settled:
+            self.late += self.upright, moved
+        self.times.add(side, (step + 1) * self.dt - age, self.upright)
+
+    def tries(self) -> Tries:
+        """What it amounts to."""
+        lasted, late = np.maximum(self.lasted, 1.0), np.maximum(self.late[0], 1.0)
+        return Tries(
+            upright=self.lasted / self.steps,
+            speed=np.where(self.late[0] > 0, self.late[1] / late, self.travelled / lasted),
+            limp=self.times.spread(),
+            flight=self.flown / lasted,
+            power=self.work / lasted,
+        )

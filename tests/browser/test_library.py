@@ -1,0 +1,149 @@
+"""The library's page in a real browser: a cell walks, the slider goes over to another, no network is asked."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from playwright.sync_api import Browser, Page
+
+from romgrl.report.page.library_page import write_library_page
+from tests.browser.conftest import SCREENSHOTS, SCROLL, watch
+from tests.helpers.synthetic_library import REASON, synthetic_library
+
+pytestmark = [pytest.mark.slow, pytest.mark.browser]
+
+DRAWN = "() => [...charts.values()].every((chart) => chart.cursors || document.getElementById(chart.key).hidden)"
+PAINTED = """() => {
+  const { width, height } = canvas;
+  const bytes = canvas.getContext("2d").getImageData(0, 0, width, Math.round(height * 0.8)).data;
+  return bytes.filter((value, place) => place % 4 === 3 && value > 0).length;
+}"""  # pixels above the ground
+RING = """(key) => {
+  const chart = charts.get(key);
+  const { xaxis, yaxis } = chart.plot._fullLayout;
+  const ring = chart.plot.querySelector(".cursor").getBoundingClientRect();
+  const box = chart.plot.getBoundingClientRect();
+  const [x, y] = pointAt(Object.keys(chart.cursor)[0], Object.values(chart.cursor)[0]);
+  return Math.hypot(ring.left + ring.width / 2 - box.left - xaxis._offset - xaxis.l2p(x),
+    ring.top + ring.height / 2 - box.top - yaxis._offset - yaxis.l2p(y));
+}"""
+REFUSED = 8  # the cell at 4 m/s, walking, on the softer legs
+
+
+@pytest.fixture(scope="module")
+def page_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """report.html of a library of two gaits at three speeds on two stiffnesses, one cell of which fell."""
+    path = tmp_path_factory.mktemp("library") / "report.html"
+    table, arrays = synthetic_library(gaits=("walk", "run"), fallen=(REFUSED,))
+    write_library_page(path, table, arrays, foot_radius=0.07, teacher="ppo, seed 0")
+    return path
+
+
+def state(page: Page) -> tuple[Any, ...]:
+    """The cell, what is said of it, and its numbers."""
+    numbers = page.locator("#numbers td").all_inner_texts()
+    return page.evaluate("cell"), page.locator("#asked").inner_text(), page.locator("#verdict").inner_text(), numbers
+
+
+def test_the_slider_goes_over_to_another_cell(opened: Page) -> None:
+    opened.get_by_label("Speed asked for").fill("0")
+    slow = state(opened)
+    opened.get_by_label("Speed asked for").fill("1")
+    fast = state(opened)
+    assert (slow[1], fast[1]) == ("2.00 m/s", "3.00 m/s")
+    assert all(one != other for one, other in zip(slow[3], fast[3], strict=True))
+    assert fast[3] == opened.evaluate("cells[cell].numbers")
+    assert opened.evaluate(PAINTED) > 500
+
+
+def test_it_walks_on_from_the_same_phase(opened: Page) -> None:
+    opened.keyboard.press("Space")
+    opened.wait_for_function("() => phase > 3.5 && gone > 5")  # over the end of a stretch, on and on
+    opened.keyboard.press("Space")
+    before = opened.evaluate("[phase, gone, secondsAt(walkers[cell]) / (scene.dt * walkers[cell].strides[1])]")
+    opened.keyboard.press("ArrowLeft")
+    after = opened.evaluate("[phase, gone, secondsAt(walkers[cell]) / (scene.dt * walkers[cell].strides[1])]")
+    assert after == pytest.approx(before)
+    opened.evaluate("advance(0.4)")
+    strides, metres = opened.evaluate("[phase, gone]")
+    length = opened.evaluate("scene.dt * walkers[cell].strides[1]")
+    assert strides - before[0] == pytest.approx(0.4 / length)
+    assert metres - before[1] == pytest.approx(0.4 * opened.evaluate("cells[cell].speed"), abs=0.02)
+
+
+def test_a_change_while_it_plays_is_no_jump(opened: Page) -> None:
+    """At once it is drawn as before, and as the other cell a moment later."""
+    opened.evaluate("playing = true; advance(0.25)")
+    drawn = opened.evaluate("[...poseNow(walkers[cell]).points]")
+    other = opened.evaluate("choose(lines[0].cells[0]), [...poseAt(walkers[cell], secondsAt(walkers[cell])).points]")
+    assert opened.evaluate("[...poseNow(walkers[cell]).points]") == pytest.approx(drawn, abs=1e-5)
+    assert other != pytest.approx(drawn, abs=1e-2)
+    opened.evaluate("advance(CHANGE)")
+    arrived = opened.evaluate("[poseNow(walkers[cell]), poseAt(walkers[cell], secondsAt(walkers[cell]))]")
+    assert arrived[0] == arrived[1]
+
+
+def test_keys_and_choices(opened: Page) -> None:
+    opened.keyboard.press("ArrowLeft")
+    assert state(opened)[1] == "2.00 m/s"
+    opened.keyboard.press("ArrowLeft")
+    assert state(opened)[1] == "2.00 m/s"
+    opened.get_by_label("Gait").select_option("walk")
+    opened.get_by_label("Stiffness").select_option("0.7")
+    assert opened.evaluate("[line.gait, line.share]") == ["walk", 0.7]
+    visible = opened.locator(".grid.footfall figure:visible figcaption").all_inner_texts()
+    assert visible == ["walk, stiffness × 0.7"]
+    opened.locator("body").click(position={"x": 2, "y": 2})
+    opened.evaluate("document.activeElement.blur()")
+    opened.keyboard.press("ArrowRight")
+    opened.keyboard.press("ArrowRight")
+    assert opened.evaluate("cell") == REFUSED
+    assert state(opened)[2] == f"Refused: {REASON}."
+    picture = opened.evaluate("canvas.toDataURL()")
+    opened.evaluate("play(true)")
+    opened.wait_for_timeout(300)
+    assert opened.evaluate("canvas.toDataURL()") == picture  # no steady stretch: nothing moves
+    opened.keyboard.press("ArrowDown")
+    assert opened.locator("#speed").input_value() == "0.5"
+
+
+def test_charts_follow_and_a_click_plays_that_cell(opened: Page) -> None:
+    opened.evaluate(SCROLL)
+    opened.wait_for_function(DRAWN)
+    opened.evaluate("choose(lines[1].cells[0])")
+    for key in ("atlas-duty_factor", "atlas-falls", "footfall-1"):
+        opened.evaluate(f"charts.get('{key}').plot.scrollIntoView({{block: 'center'}})")
+        opened.wait_for_function(f"() => charts.get('{key}').cursors && visible.has(charts.get('{key}'))")
+        opened.evaluate("placeCursors(0)")
+        assert opened.evaluate(RING, key) < 1.0  # pixels
+    plot = opened.locator("#atlas-duty_factor .plot")
+    plot.scroll_into_view_if_needed()
+    target = opened.evaluate("""() => {
+      const { xaxis, yaxis } = charts.get("atlas-duty_factor").plot._fullLayout;
+      const number = lines[3].cells[2];
+      return [xaxis.l2p(cells[number].speed), yaxis.l2p(charts.get("atlas-duty_factor").cursor.cell.y[number])];
+    }""")
+    plot.locator(".nsewdrag").click(position={"x": target[0], "y": target[1]})
+    opened.wait_for_function("() => cell === lines[3].cells[2]")
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize(("name", "width", "height"), [("phone", 390, 844), ("desktop", 1400, 900)])
+def test_pictures(browser: Browser, page_file: Path, scheme: str, name: str, width: int, height: int) -> None:
+    context = browser.new_context(
+        viewport={"width": width, "height": height}, color_scheme=scheme, has_touch=name == "phone"
+    )
+    page = context.new_page()
+    faults, _ = watch(page)
+    page.goto(page_file.as_uri())
+    page.evaluate(SCROLL)
+    page.wait_for_function(DRAWN)
+    page.locator("summary").click()
+    SCREENSHOTS.mkdir(parents=True, exist_ok=True)
+    page.screenshot(path=SCREENSHOTS / f"library-{name}-{scheme}.png", full_page=True)
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    assert page.evaluate(PAINTED) > 500
+    assert faults == []
+    context.close()
