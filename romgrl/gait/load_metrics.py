@@ -11,7 +11,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from romgrl.gait.features import Bools, Floats, GaitLoads
+from romgrl.gait.features import LEFT_X, LEFT_Z, RIGHT_X, RIGHT_Z, Bools, Floats, GaitLoads
 
 LONGEST_GAP = 0.1
 """A foot that leaves the ground for less than this, s, has not ended its stance: swings take 0.3 s and more."""
@@ -41,6 +41,24 @@ def peak_force(ground_force: Floats, valid: Bools) -> float:
             starts, ends = np.flatnonzero(edges > 0) + 1, np.flatnonzero(edges < 0) + 1
             peaks += [foot[start : ends[ends > start][0]].max() for start in starts if (ends > start).any()]
     return _mean(np.array(peaks))
+
+
+def net_extension(features: Floats, contact: Bools, valid: Bools) -> float:
+    """How much longer legs are when they leave the ground than when they touch it, mean over whole stances, m.
+
+    features (E, T, 5) m, contact (E, T, 2), valid (E, T). A leg that touches down is as long as in the step before; one
+    that leaves as in its last step on the ground or the first one off it, where it is longer: both within a control
+    step, in which motors move.
+    """
+    found = []
+    for foot, x, z in ((0, LEFT_X, LEFT_Z), (1, RIGHT_X, RIGHT_Z)):
+        length = np.hypot(features[..., x], features[..., z])
+        for legs, feet, mask in zip(length, contact[..., foot], valid, strict=True):
+            lengths, down = legs[mask], np.diff(feet[mask].astype(int))
+            starts, ends = np.flatnonzero(down > 0), np.flatnonzero(down < 0)
+            stances = [(start, ends[ends > start][0]) for start in starts if (ends > start).any()]
+            found += [max(lengths[end], lengths[end + 1]) - lengths[start] for start, end in stances]
+    return _mean(np.array(found))
 
 
 def describe_loads(loads: GaitLoads | None, valid: Bools, dt: float) -> dict[str, float]:

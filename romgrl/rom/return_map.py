@@ -4,7 +4,8 @@ The section is where the left foot passes the right one forwards: in the middle 
 from touchdown and take-off. The policy acts at a fixed rate that is no multiple of the stride's, so that the share of a
 control step that has passed at the section differs from stride to stride. The worlds are therefore stepped by single
 substeps, each with its own clock, its action held in between, which is the motion of the vector environment bit for
-bit; the crossing is interpolated within a substep.
+bit; the crossing is interpolated within a substep. Feet that move together do not pass each other: the section of a
+hop is the top of its flight.
 
 A state on the section has as coordinates the trunk (x and the last touchdown's x, both relative to the foot; y;
 velocities; pitch if it is free), the feet (y, velocities), and of each leg the motor's torque, the shortening and the
@@ -32,6 +33,7 @@ Policy = Callable[[NDArray[np.float32]], NDArray[np.float32]]
 GRAVITY = 9.81
 LONGEST_STRIDE = 3.0  # s
 TRUNK = {"trunk_x": 0, "trunk_y": 1, "trunk_vx": 3, "trunk_vy": 4}
+FEET_APART = "right_foot_x"  # from the left one: what a section at the top of the flight has in the place of trunk_vy
 PITCH = {"pitch": 2, "pitch_rate": 5}
 ORIGIN, TOUCHDOWN_X, LEFT_SLOT = 19, 20, 18
 FOOT = {"y": 1, "vx": 3, "vy": 4}  # from the first column of a foot: 6 or 12
@@ -87,12 +89,20 @@ class StrideMap:
         speed: float | Commands,
         control_frequency: float,
         threads: int = 1,
+        top: bool = False,
     ) -> None:
-        self.policy, self.speed, self.threads = policy, speed, threads
+        """top: the section is the top of the flight, not the passing of the legs."""
+        self.policy, self.speed, self.threads, self.top = policy, speed, threads, top
         self.substeps = parameters.substeps
         self.parameters = replace(parameters, substeps=1)
         self.frequency = control_frequency * self.substeps
-        self.names = (*TRUNK, *(() if parameters.trunk_locked else PITCH), "touchdown_x")
+        self.trunk = {name: column for name, column in TRUNK.items() if not (top and name == "trunk_vy")}
+        self.names = (
+            *self.trunk,
+            *(() if parameters.trunk_locked else PITCH),
+            "touchdown_x",
+            *((FEET_APART,) if top else ()),
+        )
         self.names += tuple(f"{side}_foot_{name}" for side in SIDES for name in FOOT)
         motors = isinstance(parameters, VariableLegParameters)
         self.leg, self.clock = LEG | (MOTOR if motors else {}), AGE if motors else {}
@@ -165,12 +175,14 @@ class StrideMap:
     def disturbed(self, walkers: Walkers, offsets: Array) -> Walkers:
         """The same worlds with their coordinates moved by `offsets` (B, n)."""
         states, named = walkers.states.copy(), dict(zip(self.names, offsets.T, strict=True))
-        for name, column in {**TRUNK, **PITCH}.items():
+        for name, column in {**self.trunk, **PITCH}.items():
             states[:, column] += named.get(name, 0.0) * (-1 if name in PITCH else 1)  # saved counter-clockwise
         states[:, TOUCHDOWN_X] += named["touchdown_x"]
         for name, column in self.clock.items():
             states[:, column] = np.maximum(states[:, column] + named[name], 0.0)
         rows = np.arange(len(states))
+        if self.top:
+            states[rows, _foot(states, 1)] += named[FEET_APART]
         for side, name in enumerate(SIDES):
             for ending, column in FOOT.items():
                 states[rows, _foot(states, side) + column] += named[f"{name}_foot_{ending}"]
@@ -179,19 +191,21 @@ class StrideMap:
         return Walkers(states, walkers.elapsed, walkers.action)
 
     def _motion(self, states: Array) -> tuple[Array, Array]:
-        """Coordinates (B, n), and by how much (B,) the left foot is ahead of the right."""
+        """Coordinates (B, n), and what rises through zero on the section (B,): the left foot's lead, or the fall."""
         rows = np.arange(len(states))
         left, right = (_foot(states, side) for side in range(2))
         feet = [states[rows, first + column] for first in (left, right) for column in FOOT.values()]
         first = (_core.FIRST_LEG, _core.FIRST_LEG + _core.LEG_SIZE)
         legs = [states[:, start + column] for start in first for column in self.leg.values()]
-        trunk = [states[:, column] for column in TRUNK.values()]
+        trunk = [states[:, column] for column in self.trunk.values()]
         trunk[0] = trunk[0] - states[rows, left]
         pitch = [] if self.parameters.trunk_locked else [-states[:, column] for column in PITCH.values()]
         touchdown = states[:, TOUCHDOWN_X] - states[:, ORIGIN] - states[rows, left]
         gap = states[rows, left] - states[rows, right]
+        apart = [-gap] if self.top else []
+        passed = -states[:, TRUNK["trunk_vy"]] if self.top else gap
         clock = [states[:, column] for column in self.clock.values()]
-        return np.stack([*trunk, *pitch, touchdown, *feet, *legs, *clock], axis=1), gap
+        return np.stack([*trunk, *pitch, touchdown, *apart, *feet, *legs, *clock], axis=1), passed
 
     def _worlds(self, number: int) -> SpringLegVectorEnv:
         return SpringLegVectorEnv(

@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 
-from romgrl.gait.features import Bools, GaitLoads
+from romgrl.gait.features import LEFT_Z, RIGHT_Z, Bools, GaitLoads
 from romgrl.gait.load_metrics import (
     LONGEST_GAP,
     contact_bouts,
     describe_loads,
     landed,
+    net_extension,
     step_time_asymmetry,
     without_gaps,
 )
@@ -103,6 +104,20 @@ def test_times_do_not_reach_from_one_episode_to_the_next() -> None:
     left, right = stances((10, 30), length=80), stances((50, 70), length=80)
     touching = np.concatenate((flags(left, right), flags(right, left)))
     assert step_time_asymmetry(touching, all_of(touching), DT) == 0.0  # 40 each; 10 between the episodes
+
+
+def test_how_much_longer_a_leg_leaves_the_ground() -> None:
+    """Of whole stances alone: a leg of 0.80 m touches down; it leaves with 0.84 m, in the step before or after."""
+    features, contact = np.zeros((1, 8, 5)), np.zeros((1, 8, 2), bool)
+    contact[0, 2:5, 0] = True
+    contact[0, 6:, 0] = True
+    features[..., LEFT_Z] = -np.array([0.8, 0.8, 0.75, 0.7, 0.82, 0.84, 0.7, 0.9])
+    features[..., RIGHT_Z] = -0.9
+    valid = np.ones((1, 8), bool)
+    assert net_extension(features, contact, valid) == pytest.approx(0.04)
+    features[0, 4, LEFT_Z], features[0, 5, LEFT_Z] = -0.85, -0.6
+    assert net_extension(features, contact, valid) == pytest.approx(0.05)
+    assert np.isnan(net_extension(features, contact & False, valid))
 
 
 def test_rows_by_hand() -> None:

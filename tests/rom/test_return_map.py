@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from romgrl.rom.gait_clocks import RUN
+from romgrl.rom.gait_clocks import HOP, RUN
 from romgrl.rom.parameters import SpringLegParameters, VariableLegParameters
 from romgrl.rom.phase_policy import PhasePolicy
 from romgrl.rom.return_map import StrideMap
@@ -105,6 +105,28 @@ def test_legs_with_motors_have_a_clock_and_no_shortening() -> None:
     offsets = np.zeros_like(before)
     offsets[:, names.index("left_drive")] = 0.5
     assert stride.walk(stride.disturbed(walkers, offsets)).coordinates.shape == before.shape
+
+
+def test_a_hop_is_cut_at_the_top_of_its_flight() -> None:
+    """The trunk neither rises nor falls there; a disturbance moves each coordinate by itself."""
+    parameters = VariableLegParameters(
+        engine="native", reset_together=True, reset_hip_angle=(0.1, 0.3), reset_drop=(0.05, 0.1), stiffness=10500.0
+    )
+    stride = StrideMap(PhasePolicy(HOP.mean, "hop"), parameters, speed=0.5, control_frequency=30.0, top=True)
+    names = stride.names
+    assert "trunk_vy" not in names
+    end = stride.settled(32, strides=1, seed=1)
+    crossed = np.isfinite(end.time)
+    assert crossed.sum() > 8
+    walkers, before = end.walkers.rows(crossed), end.coordinates[crossed]
+    fall = -walkers.states[:, 4]
+    assert ((fall >= 0) & (fall < 9.81 / stride.frequency)).all()
+    plain, _ = stride._motion(walkers.states)
+    for index in range(len(names)):
+        offsets = np.zeros_like(before)
+        offsets[:, index] = 0.02
+        moved, _ = stride._motion(stride.disturbed(walkers, offsets).states)
+        np.testing.assert_allclose(moved - plain, offsets, atol=1e-12)
 
 
 def test_who_falls_has_no_crossing() -> None:

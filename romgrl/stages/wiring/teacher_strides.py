@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from romgrl.config.schema import Config
+from romgrl.gait.footfall import FOOTFALLS
 from romgrl.rom.return_map import RETURN_MAPS, StrideMap
 from romgrl.stages.wiring.commands import asked
 from romgrl.stages.wiring.rom import rom_env
@@ -25,4 +26,5 @@ def teacher_strides(config: Config, directory: Path) -> StrideMap | None:
         speed=asked(config),
         control_frequency=config.humanoid.control_frequency,
         threads=config.threads,
+        top=FOOTFALLS[config.teacher.gait].phase == 0,
     )
