@@ -9,19 +9,22 @@ from dataclasses import dataclass
 class Footfall:
     """What tells a gait from others.
 
-    phase: of the right foot's touchdown in the stride of the left one; flight: range of the share of the time in which
-    no foot is on the ground; correlation: range of that of left and right foot x.
+    phase: of the right foot's touchdown in the stride of the left one; off: how far from it, in strides, a gait may be;
+    flight: range of the share of the time in which no foot is on the ground; correlation: the highest of left and right
+    foot x.
     """
 
     phase: float
     flight: tuple[float, float]
-    correlation: tuple[float, float]
+    correlation: float = 1.0
+    off: float = 0.5
 
 
+ALTERNATING = -0.5  # the highest correlation of feet that take turns
 FOOTFALLS = {
-    "walk": Footfall(0.5, flight=(0.0, 0.02), correlation=(-1.0, -0.5)),
-    "run": Footfall(0.5, flight=(0.0, 0.8), correlation=(-1.0, -0.5)),
-    "hop": Footfall(0.0, flight=(0.1, 0.8), correlation=(0.5, 1.0)),
-    "skip": Footfall(0.3, flight=(0.02, 0.8), correlation=(-0.9, 0.5)),
+    "walk": Footfall(0.5, flight=(0.0, 0.02), correlation=ALTERNATING),
+    "run": Footfall(0.5, flight=(0.0, 0.8), correlation=ALTERNATING),
+    "hop": Footfall(0.0, flight=(0.1, 0.8), off=0.1),
+    "skip": Footfall(0.3, flight=(0.02, 0.8), off=0.12),
 }
 """By `teacher.gait`. Minetti 1998, Proc. R. Soc. B 265, for the skip; a run may have no flight where it is slow."""

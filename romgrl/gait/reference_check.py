@@ -7,7 +7,7 @@ import numpy as np
 from romgrl.errors import ArtifactError
 from romgrl.gait.features import BODY_Y, LEFT_X, RIGHT_X, Bools, Floats, Gait
 from romgrl.gait.footfall import FOOTFALLS, Footfall
-from romgrl.gait.metrics import left_right_correlation
+from romgrl.gait.metrics import left_right_correlation, touchdown_phase
 
 LOWEST_BODY = 0.7  # of the median body height; a fall ends lower
 LARGEST_SLIP = 0.1  # of the mean speed; feet that stick show 0.01 to 0.02, the error of differences over a step
@@ -59,19 +59,22 @@ def check_reference(gait: Gait, footfall: Footfall = FOOTFALLS["run"]) -> dict[s
 def check_footfall(gait: Gait, footfall: Footfall) -> dict[str, float]:
     """How feet move together, and the share of the time with none on the ground; ArtifactError for another gait's."""
     assert gait.contact is not None
-    correlation = left_right_correlation(gait.features, gait.valid)
-    (lowest, highest), (least, most) = footfall.correlation, footfall.flight
-    told = f"left-right correlation of foot x {correlation:.2f}"
-    if not correlation <= highest:
-        raise ArtifactError(f"the reference hops: {told}, limit {highest:g}")
-    if correlation < lowest:
-        raise ArtifactError(f"the reference alternates its feet: {told}, limit {lowest:g}")
+    correlation, least, most = left_right_correlation(gait.features, gait.valid), *footfall.flight
+    if not correlation <= footfall.correlation:
+        told = f"left-right correlation of foot x {correlation:.2f}"
+        raise ArtifactError(f"the reference hops: {told}, limit {footfall.correlation:g}")
     flight = 1.0 - float(np.any(gait.contact[gait.valid], axis=1).mean())
     if flight > most:
         told = f"no foot is on the ground for {flight:.1%} of the time"
         raise ArtifactError(f"the reference flies: {told}, limit {most:.0%}")
     if flight < least:
         raise ArtifactError(f"the reference hardly flies: for {flight:.1%} of the time, at least {least:.0%}")
+    phase = touchdown_phase(gait.contact, gait.valid)
+    if footfall.off < 0.5 and not abs((phase - footfall.phase + 0.5) % 1.0 - 0.5) <= footfall.off:
+        told = f"the right foot lands at {phase:.2f} of the left one's stride"
+        raise ArtifactError(
+            f"the reference has another footfall: {told}, needed: {footfall.phase:g} ± {footfall.off:g}"
+        )
     return {"left_right_correlation": correlation, "flight": flight}
 
 

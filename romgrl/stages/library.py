@@ -19,7 +19,7 @@ from romgrl.config.schema import Config
 from romgrl.errors import ArtifactError
 from romgrl.gait.features import CHANNELS, Gait
 from romgrl.gait.footfall import FOOTFALLS
-from romgrl.gait.load_metrics import net_extension, peak_force
+from romgrl.gait.load_metrics import force_valley, net_extension, peak_force
 from romgrl.gait.metrics import GRAVITY, describe
 from romgrl.gait.reference_check import check_reference
 from romgrl.report.gait_atlas import gait_atlas
@@ -132,6 +132,7 @@ def cell_row(config: Config, gait: Gait, teacher: Path) -> dict[str, Any]:
     weight = parameters.mass * GRAVITY
     force = math.nan if gait.ground_force is None else peak_force(gait.ground_force, gait.valid)
     row["peak_force_body_weights"] = force / weight
+    row["force_valley"] = math.nan if gait.ground_force is None else force_valley(gait.ground_force, gait.valid)
     row["net_extension_m"] = (
         math.nan if gait.contact is None else net_extension(gait.features, gait.contact, gait.valid)
     )

@@ -8,6 +8,7 @@ from romgrl.gait.load_metrics import (
     LONGEST_GAP,
     contact_bouts,
     describe_loads,
+    force_valley,
     landed,
     net_extension,
     step_time_asymmetry,
@@ -104,6 +105,16 @@ def test_times_do_not_reach_from_one_episode_to_the_next() -> None:
     left, right = stances((10, 30), length=80), stances((50, 70), length=80)
     touching = np.concatenate((flags(left, right), flags(right, left)))
     assert step_time_asymmetry(touching, all_of(touching), DT) == 0.0  # 40 each; 10 between the episodes
+
+
+def test_the_valley_between_two_humps() -> None:
+    force, valid = np.zeros((1, 40, 2)), np.ones((1, 40), bool)
+    force[0, 5:16, 0] = [1, 4, 8, 10, 7, 6, 7, 9, 8, 4, 1]
+    assert force_valley(force, valid) == pytest.approx(6 / 9, abs=0.02)
+    force[0, 5:16, 0] = [1, 4, 8, 10, 11, 12, 11, 9, 8, 4, 1]
+    assert force_valley(force, valid) == pytest.approx(1.0, abs=0.03)
+    force[:] = 1.0  # it never lands
+    assert np.isnan(force_valley(force, valid))
 
 
 def test_how_much_longer_a_leg_leaves_the_ground() -> None:
