@@ -132,6 +132,9 @@ class CMAESTeacher(Teacher):
     """CMA-ES over a controller with a clock: cycles of a gait in seconds, without a gradient."""
 
     generations: int = key("generations of the search", low=1, high=1_000_000)
+    scouts: int = key(
+        "searches that begin: after the generations of short tries the best of them goes on", low=1, high=1000
+    )
     population: int = key("controllers of a generation", low=4, high=10_000)
     rollouts: int = key(
         "worlds that each controller is tried in, at each of the speeds and stiffnesses that the search looks at",

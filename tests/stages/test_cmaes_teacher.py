@@ -142,6 +142,32 @@ def test_the_stage_leaves_a_teachers_artifact(compose_config: Composer, tmp_path
         reference.run(config, {"teacher": tmp_path}, tmp_path / "reference", log)
 
 
+@pytest.mark.usefixtures("_short_check")
+def test_the_best_of_the_searches_goes_on(
+    compose_config: Composer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """After three of ten generations one is left: that whose mean loses least."""
+    made: list[tuple[int, int]] = []
+    means: dict[int, float] = {}
+    generation, loss_of_mean = CycleSearch.generation, CycleSearch.loss_of_mean
+
+    def count(search: CycleSearch, number: int) -> dict[str, float]:
+        made.append((number, search.seed))
+        return generation(search, number)
+
+    def lose(search: CycleSearch) -> float:
+        return means.setdefault(search.seed, loss_of_mean(search))
+
+    monkeypatch.setattr(CycleSearch, "generation", count)
+    monkeypatch.setattr(CycleSearch, "loss_of_mean", lose)
+    teacher.run(compose_config(*SMALL, "teacher.generations=10", "teacher.scouts=3"), {}, tmp_path, SilentLog())
+    seeds = {seed for _, seed in made}
+    assert len(seeds) == 3
+    assert [sum(number == each for number, _ in made) for each in range(1, 11)] == [3, 3, 3, *[1] * 7]
+    assert means.keys() == seeds
+    assert {seed for number, seed in made if number > 3} == {min(means, key=means.__getitem__)}
+
+
 def test_a_controller_comes_back_from_its_file_and_no_other_does(tmp_path: Path) -> None:
     path, spans = tmp_path / "policy.safetensors", [Span("target_speed", 0.1, 0.9)]
     policy = PhasePolicy(np.tile(HOP.mean + 0.1, 2), "hop", spans)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import ExitStack, closing
+from operator import itemgetter
 from pathlib import Path
 
 import torch
@@ -20,6 +21,10 @@ CHECKED_EPISODES = 1600
 """In how many episodes a search checks its mean over its second half, a few at a time: what falls seldom falls."""
 EPISODES = 40
 """Of each check of a task."""
+SCOUTED = 0.3
+"""After this share of the generations, in which tries are short, the best of the searches goes on alone."""
+SEED_STEP = 10_007
+"""Between the seeds of searches."""
 
 
 def train_by_cmaes(config: Config, output: Path, log: StageLog) -> None:
@@ -37,11 +42,15 @@ def train_by_cmaes(config: Config, output: Path, log: StageLog) -> None:
     with ExitStack() as stack:
         envs = [stack.enter_context(closing(rom_env(at, num_envs=worlds, episode_steps=steps))) for at in asked]
         tasks = [(at.teacher.speed, env) for at, env in zip(asked, envs, strict=True)]
-        search = CycleSearch(teacher, tasks, config.seed)
+        searches = [CycleSearch(teacher, tasks, config.seed + SEED_STEP * number) for number in range(teacher.scouts)]
+        chosen = min(total, round(SCOUTED * total))
         for generation in range(1, total + 1):
-            told = search.generation(generation)
+            told = min((each.generation(generation) for each in searches), key=itemgetter("loss"))
             log.metrics(told, generation)
             log.progress(generation, total, loss=told["loss"], upright=told["upright"])
-            watch.check_if_due(generation, search)
+            if generation == chosen:
+                searches = [min(searches, key=CycleSearch.loss_of_mean)]
+            watch.check_if_due(generation, searches[0])
+        search = searches[0]
     watch.keep_best(search)
     save_phase_policy(output / "policy.safetensors", search.mean_policy())

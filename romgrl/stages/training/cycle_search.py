@@ -58,7 +58,7 @@ class CycleSearch:
         done = number / self.teacher.generations
         tries = self.tries(self.mean + self.deviation * asked, self.steps_of(done), self.seed + number)
         paid = self.paid(tries)
-        lost = 1.0 - (paid * self.kept(tries)).mean(axis=(0, 2)) + LEASH * (asked**2).sum(axis=1)
+        lost = self.lost(tries) + LEASH * (asked**2).sum(axis=1)
         self.cma.tell([(each, float(loss)) for each, loss in zip(asked, lost, strict=True)])
         self.best = self.mean + self.deviation * self.cma.mean
         first = int(np.argmin(lost))
@@ -69,6 +69,15 @@ class CycleSearch:
     def steps_of(self, done: float) -> int:
         """How long tries are after a share of the search."""
         return self.teacher.search_steps // next((by for until, by in SHORTER if done < until), 1)
+
+    def loss_of_mean(self) -> float:
+        """What the mean loses in whole tries, in as many worlds as a generation has."""
+        everyone = np.tile(self.best, (self.teacher.population, 1))
+        return float(self.lost(self.tries(everyone, self.teacher.search_steps, self.seed)).mean())
+
+    def lost(self, tries: Tries) -> Array:
+        """What controllers lose (C,): 1 less what they earn and keep."""
+        return np.asarray(1.0 - (self.paid(tries) * self.kept(tries)).mean(axis=(0, 2)))
 
     def paid(self, tries: Tries) -> Array:
         """What worlds earn by their mean speed, the less the sooner they fall."""
