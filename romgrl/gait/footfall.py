@@ -19,6 +19,11 @@ class Footfall:
     correlation: float = 1.0
     off: float = 0.5
 
+    @property
+    def together(self) -> bool:
+        """Both feet land at once: a hop."""
+        return self.phase == 0.0
+
 
 ALTERNATING = -0.5  # the highest correlation of feet that take turns
 FOOTFALLS = {

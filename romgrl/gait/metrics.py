@@ -40,13 +40,15 @@ def mean_speed(velocity: Floats, valid: Bools | None = None) -> float:
     return _masked_mean(velocity, valid)
 
 
-def stride_frequency(features: Floats, dt: float, valid: Bools | None = None) -> float:
+def stride_frequency(features: Floats, dt: float, valid: Bools | None = None, *, hops: bool = False) -> float:
     """Strides per second: forward swings of each foot relative to the body, mean over feet, median over episodes.
 
     A stride is two steps, from one event of a foot to the same event of that foot (Winter, Biomechanics and Motor
-    Control of Human Movement, ch. 3); the swings are counted by `periodicity.frequency`.
+    Control of Human Movement, ch. 3); the swings are counted by `periodicity.frequency`. hops: the body's bounces count
+    instead, since the feet of a hop on the spot do not swing.
     """
-    rates = [frequency(e[:, [LEFT_X, RIGHT_X]], dt) for e in _episodes(features, valid)]
+    counted = [BODY_Y] if hops else [LEFT_X, RIGHT_X]
+    rates = [frequency(e[:, counted], dt) for e in _episodes(features, valid)]
     return _nanmedian(rates)
 
 
@@ -188,10 +190,11 @@ def phase_lag(windows: Floats, reference_windows: Floats, dt: float, rate: float
     return seconds, seconds * rate
 
 
-def describe(gait: Gait, *, target_speed: float, mass: float | None = None) -> dict[str, float]:
+def describe(gait: Gait, *, target_speed: float, mass: float | None = None, hops: bool = False) -> dict[str, float]:
     """One row of gait.csv: every metric of this file that the recording allows, nan elsewhere; names carry units.
 
-    Mean speed and its error count from the reset, everything else the steady part (`steady_steps`).
+    Mean speed and its error count from the reset, everything else the steady part (`steady_steps`). hops: it is one
+    with both feet.
     """
     nan = float("nan")
     features, dt = gait.features, gait.dt
@@ -214,7 +217,7 @@ def describe(gait: Gait, *, target_speed: float, mass: float | None = None) -> d
         "mean_speed_m_per_s": speed,
         "steady_speed_m_per_s": steady,
         "speed_error_percent": error,
-        "stride_frequency_hz": stride_frequency(features, dt, valid),
+        "stride_frequency_hz": stride_frequency(features, dt, valid, hops=hops),
         "duty_factor": duty,
         "left_right_correlation": left_right_correlation(features, valid),
         "left_right_symmetry": left_right_symmetry(features, dt, valid),

@@ -116,7 +116,7 @@ def filled(values: NDArray[Any], steps: int, missing: Any) -> NDArray[Any]:
 
 def cell_row(config: Config, gait: Gait, teacher: Path) -> dict[str, Any]:
     """A row of library.csv."""
-    parameters = rom_parameters(config)
+    parameters, footfall = rom_parameters(config), FOOTFALLS[config.teacher.gait]
     row: dict[str, Any] = {
         "gait": config.teacher.gait,
         "speed_m_per_s": config.teacher.speed,
@@ -125,10 +125,10 @@ def cell_row(config: Config, gait: Gait, teacher: Path) -> dict[str, Any]:
         "reason": "",
     }
     try:
-        check_reference(gait, FOOTFALLS[config.teacher.gait])
+        check_reference(gait, footfall)
     except ArtifactError as error:
         row |= {"fit": False, "reason": str(error)}
-    row |= describe(gait, target_speed=config.teacher.speed, mass=parameters.mass)
+    row |= describe(gait, target_speed=config.teacher.speed, mass=parameters.mass, hops=footfall.together)
     weight = parameters.mass * GRAVITY
     force = math.nan if gait.ground_force is None else peak_force(gait.ground_force, gait.valid)
     row["peak_force_body_weights"] = force / weight

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from romgrl.config.schema import Config
 from romgrl.gait import human_bands
+from romgrl.gait.footfall import FOOTFALLS
 from romgrl.gait.metrics import describe
 from romgrl.gait.recording import record
 from romgrl.runtime.stage_log import StageLog
@@ -51,7 +52,8 @@ def gait_row(config: Config, directory: Path) -> dict[str, float]:
     policy = read_teacher(directory, config, env)
     gait = record(env, policy, steps=STEPS, seed=config.seed + TEACHER_GAIT_SEED, dt=env.dt)
     gait.valid[:, :-STEADY] = False
-    return describe(gait, target_speed=config.teacher.speed, mass=env.parameters.mass)
+    hops = FOOTFALLS[config.teacher.gait].together
+    return describe(gait, target_speed=config.teacher.speed, mass=env.parameters.mass, hops=hops)
 
 
 def write_gaits(path: Path, rows: Sequence[Mapping[str, object]]) -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from romgrl.gait import human_bands, metrics
-from romgrl.gait.features import POWERS, Gait, GaitLoads
+from romgrl.gait.features import BODY_Y, POWERS, Gait, GaitLoads
 from romgrl.gait.load_metrics import LOAD_MEASURES
 from romgrl.gait.measures import MEASURES
 from tests.helpers.synthetic_gait import DT, run
@@ -23,6 +23,13 @@ def test_stride_frequency_is_not_fooled_by_a_hop_or_a_short_episode() -> None:
     assert metrics.stride_frequency(short, DT) == pytest.approx(1.5, rel=0.03)
     assert np.isnan(metrics.stride_frequency(np.zeros((2, 300, 5)), DT))
     assert np.isnan(metrics.stride_frequency(short[:, :5], DT))
+
+
+def test_hops_on_the_spot_are_counted_by_the_bounces_of_the_body() -> None:
+    hop = np.zeros((2, 300, 5))
+    hop[..., BODY_Y] = 0.9 + 0.1 * np.cos(2 * np.pi * 2.1 * DT * np.arange(300))
+    assert np.isnan(metrics.stride_frequency(hop, DT))
+    assert metrics.stride_frequency(hop, DT, hops=True) == pytest.approx(2.1, rel=0.005)
 
 
 def test_stride_frequency_counts_strides_of_different_length() -> None:

@@ -26,5 +26,5 @@ def teacher_strides(config: Config, directory: Path) -> StrideMap | None:
         speed=asked(config),
         control_frequency=config.humanoid.control_frequency,
         threads=config.threads,
-        top=FOOTFALLS[config.teacher.gait].phase == 0,
+        top=FOOTFALLS[config.teacher.gait].together,
     )
