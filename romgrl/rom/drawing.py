@@ -15,6 +15,9 @@ GROUND = 0.82  # where it lies, share of the height
 _OVERSAMPLING = 2
 _SKY, _GROUND, _MARK = (250, 250, 248), (222, 219, 210), (165, 160, 148)
 _TRUNK, _LEGS = (55, 65, 81), ((37, 99, 235), (217, 83, 25))  # left blue, right orange
+_MOTOR = (120, 128, 140)
+MOTOR_LENGTH = 0.4
+"""Of a leg's motor as it is drawn, share of the leg length: its rod comes out of it as far as the rest length grows."""
 Point = tuple[float, float]
 
 
@@ -32,8 +35,31 @@ def _spring(start: Point, end: Point, amplitude: float) -> list[Point]:
     return [*points, end]
 
 
-def draw(features: ArrayLike, contact: ArrayLike, x: float, parameters: SpringLegParameters) -> NDArray[np.uint8]:
-    """Image (360, 640, 3) uint8 of a world, trunk centred: features (5,) m, contact (2,) bool, x of the trunk in m."""
+def _draw_motor(canvas: ImageDraw.ImageDraw, hip: Point, foot: Point, length: float, extension: float) -> Point:
+    """A motor on the leg and the end of its rod, where the spring begins. Lengths in pixels."""
+    dx, dy = foot[0] - hip[0], foot[1] - hip[1]
+    whole = math.hypot(dx, dy) or 1.0
+
+    def along(distance: float) -> Point:
+        return hip[0] + distance / whole * dx, hip[1] + distance / whole * dy
+
+    end, housing = max(length + extension, 0.0), 0.7 * length
+    canvas.line((hip, along(end)), fill=_MOTOR, width=14)
+    canvas.line((hip, along(min(housing, end))), fill=_TRUNK, width=34)
+    return along(end)
+
+
+def draw(
+    features: ArrayLike,
+    contact: ArrayLike,
+    x: float,
+    parameters: SpringLegParameters,
+    extension: ArrayLike | None = None,
+) -> NDArray[np.uint8]:
+    """Image (360, 640, 3) uint8 of a world, trunk centred: features (5,) m, contact (2,) bool, x of the trunk in m.
+
+    extension (2,): of the rest length of legs with motors beyond leg_length, m, which are drawn with them.
+    """
     values = np.asarray(features, np.float64)
     scale = 0.6 * HEIGHT * _OVERSAMPLING / (parameters.leg_length + parameters.foot_radius)
     horizon = GROUND * HEIGHT * _OVERSAMPLING
@@ -53,7 +79,11 @@ def draw(features: ArrayLike, contact: ArrayLike, x: float, parameters: SpringLe
     radius = parameters.foot_radius * scale
     for side in (1, 0):
         foot = pixel(values[1 + 2 * side], values[0] + values[2 + 2 * side])
-        canvas.line(_spring(hip, foot, 0.045 * scale), fill=_LEGS[side], width=6, joint="curve")
+        upper = hip
+        if extension is not None:
+            rod = float(np.asarray(extension)[side])
+            upper = _draw_motor(canvas, hip, foot, scale * parameters.leg_length * MOTOR_LENGTH, scale * rod)
+        canvas.line(_spring(upper, foot, 0.045 * scale), fill=_LEGS[side], width=6, joint="curve")
         box = (foot[0] - radius, foot[1] - radius, foot[0] + radius, foot[1] + radius)
         canvas.ellipse(box, fill=_LEGS[side] if np.asarray(contact)[side] else _SKY, outline=_LEGS[side], width=6)
     half = 0.12 * scale

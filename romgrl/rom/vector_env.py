@@ -33,6 +33,7 @@ _METADATA: dict[str, Any] = {
 }
 
 
+REST_EXTENSIONS = [MOTOR_OBSERVATION_NAMES.index(f"{side}_rest_extension") for side in ("left", "right")]
 LEG_MOTOR_POWERS = ("leg_motor_power", "positive_leg_motor_power")  # of the legs' motors alone, W
 
 
@@ -202,9 +203,13 @@ class SpringLegVectorEnv(VectorEnv[Array, Array, Array]):
         if self.render_mode is None:
             return None
         return tuple(
-            draw(self._features[i], self._contact[i], float(self._travelled[i]), self.parameters)
+            draw(self._features[i], self._contact[i], float(self._travelled[i]), self.parameters, self.extensions(i))
             for i in range(self.num_envs)
         )
+
+    def extensions(self, world: int) -> NDArray[np.float64] | None:
+        """How far the rest lengths of a world's legs are beyond leg_length (2,), m; None where no motor moves them."""
+        return None
 
 
 class VariableLegVectorEnv(SpringLegVectorEnv):
@@ -214,3 +219,7 @@ class VariableLegVectorEnv(SpringLegVectorEnv):
     """
 
     default_parameters = VariableLegParameters
+
+    def extensions(self, world: int) -> NDArray[np.float64] | None:
+        """From the state before the autoreset, as it is drawn."""
+        return self._final_observation[world, REST_EXTENSIONS].astype(np.float64) * self.parameters.leg_length

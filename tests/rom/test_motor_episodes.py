@@ -7,6 +7,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from romgrl.rom.drawing import draw
+from romgrl.rom.env import SpringLegEnv, VariableLegEnv
 from tests.helpers.rom_worlds import GRAVITY, MOTOR, Worlds, core_parameters
 from tests.rom.test_variable_leg import LENGTH, MASS, drives, each_engine
 
@@ -96,3 +98,26 @@ def test_episodes_can_begin_with_both_feet_after_a_fall() -> None:
     assert (seen[:, 3] < 0).all()
     feet = worlds.feet()
     assert np.abs(feet[:, 3:5]).max() < 1e-9
+
+
+def test_legs_are_drawn_with_their_motors() -> None:
+    """The rod comes out of the motor as far as the rest length grows; the spring begins at its end."""
+    env = VariableLegEnv(render_mode="rgb_array")
+    env.reset(seed=0)
+    env.step(np.array([0.0, 0.0, -1.0, 1.0], np.float32))
+    worlds, image = env._worlds, env.render()
+    assert image is not None
+    rest = worlds.extensions(0)
+    assert rest is not None
+    assert rest[0] < 0 < rest[1]
+    np.testing.assert_allclose(rest / worlds.parameters.leg_length, worlds._final_observation[0, 20:22], rtol=1e-6)
+    features, contact = np.array([0.9, 0.0, -0.85, 0.0, -0.85]), np.array([True, True])
+
+    def rod(extension: float) -> int:
+        drawn = draw(features, contact, 0.0, worlds.parameters, np.full(2, extension))
+        return int((np.abs(drawn.astype(int) - (120, 128, 140)).max(axis=2) < 8).sum())
+
+    assert rod(0.05) > rod(0.0) > rod(-0.05) > 0
+    plain = draw(features, contact, 0.0, worlds.parameters)
+    assert not (np.abs(plain.astype(int) - (120, 128, 140)).max(axis=2) < 8).any()
+    assert SpringLegEnv()._worlds.extensions(0) is None
