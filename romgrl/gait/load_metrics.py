@@ -35,13 +35,15 @@ def peak_force(ground_force: Floats, valid: Bools) -> float:
 
     ground_force (E, T, 2) N, means over a control step, which are a few percent below what the peak itself is.
     """
-    peaks = []
-    for episode, mask in zip(ground_force, valid, strict=True):
-        for foot in episode[mask].T:
-            edges = np.diff((foot > 0).astype(int))
-            starts, ends = np.flatnonzero(edges > 0) + 1, np.flatnonzero(edges < 0) + 1
-            peaks += [foot[start : ends[ends > start][0]].max() for start in starts if (ends > start).any()]
-    return _mean(np.array(peaks))
+    feet = [foot for episode, mask in zip(ground_force, valid, strict=True) for foot in episode[mask].T]
+    return _mean(np.array([foot[start:stop].max() for foot in feet for start, stop in whole_stances(foot > 0)]))
+
+
+def whole_stances(contact: Bools) -> list[tuple[int, int]]:
+    """The first step of each stance that begins and ends within contact (T,), and the first one after it."""
+    edges = np.diff(contact.astype(int))
+    starts, stops = np.flatnonzero(edges > 0) + 1, np.flatnonzero(edges < 0) + 1
+    return [(int(start), int(stops[stops > start][0])) for start in starts if (stops > start).any()]
 
 
 def force_valley(ground_force: Floats, valid: Bools) -> float:
@@ -50,13 +52,10 @@ def force_valley(ground_force: Floats, valid: Bools) -> float:
     1 where there is one hump; of people who walk at their own pace 0.73 (Perry & Burnfield 2010). ground_force
     (E, T, 2) N, means over a control step; valid (E, T).
     """
-    share, curves = np.linspace(0.0, 1.0, STANCE_POINTS), []
-    for episode, mask in zip(ground_force, valid, strict=True):
-        for foot in episode[mask].T:
-            edges = np.diff((foot > 0).astype(int))
-            starts, ends = np.flatnonzero(edges > 0) + 1, np.flatnonzero(edges < 0) + 1
-            stances = [foot[start : ends[ends > start][0]] for start in starts if (ends > start).any()]
-            curves += [np.interp(share, np.linspace(0.0, 1.0, len(each)), each) for each in stances if len(each) > 1]
+    feet = [foot for episode, mask in zip(ground_force, valid, strict=True) for foot in episode[mask].T]
+    stances = [foot[start:stop] for foot in feet for start, stop in whole_stances(foot > 0)]
+    share = np.linspace(0.0, 1.0, STANCE_POINTS)
+    curves = [np.interp(share, np.linspace(0.0, 1.0, len(each)), each) for each in stances]
     if not curves:
         return float("nan")
     mean, middle = np.mean(curves, axis=0), STANCE_POINTS // 2
@@ -75,10 +74,10 @@ def net_extension(features: Floats, contact: Bools, valid: Bools) -> float:
     for foot, x, z in ((0, LEFT_X, LEFT_Z), (1, RIGHT_X, RIGHT_Z)):
         length = np.hypot(features[..., x], features[..., z])
         for legs, feet, mask in zip(length, contact[..., foot], valid, strict=True):
-            lengths, down = legs[mask], np.diff(feet[mask].astype(int))
-            starts, ends = np.flatnonzero(down > 0), np.flatnonzero(down < 0)
-            stances = [(start, ends[ends > start][0]) for start in starts if (ends > start).any()]
-            found += [max(lengths[end], lengths[end + 1]) - lengths[start] for start, end in stances]
+            lengths = legs[mask]
+            found += [
+                max(lengths[stop - 1], lengths[stop]) - lengths[start - 1] for start, stop in whole_stances(feet[mask])
+            ]
     return _mean(np.array(found))
 
 
