@@ -33,6 +33,9 @@ from romgrl.stages.wiring.teacher_strides import teacher_strides
 
 Cell = dict[str, NDArray[Any]]
 
+LARGEST_SPEED_ERROR, LEAST_SPEED_LIMIT = 0.05, 0.05
+"""A cell's reference holds its speed within this share of it, or within so many m/s where that is more."""
+
 
 def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog) -> None:
     """Write library.csv, a row for each cell, refused ones with the reason, gait_atlas, report.html and library.npz.
@@ -114,6 +117,13 @@ def filled(values: NDArray[Any], steps: int, missing: Any) -> NDArray[Any]:
     return whole
 
 
+def check_speed(asked: float, held: float) -> None:
+    """ArtifactError for a reference of another speed than its cell's, m/s: a student of it would be paid for both."""
+    limit = max(LARGEST_SPEED_ERROR * asked, LEAST_SPEED_LIMIT)
+    if not abs(held - asked) <= limit:
+        raise ArtifactError(f"the reference holds {held:.2f} m/s: off by more than {limit:.2f}")
+
+
 def cell_row(config: Config, gait: Gait, teacher: Path) -> dict[str, Any]:
     """A row of library.csv."""
     parameters, footfall = rom_parameters(config), FOOTFALLS[config.teacher.gait]
@@ -124,11 +134,12 @@ def cell_row(config: Config, gait: Gait, teacher: Path) -> dict[str, Any]:
         "fit": True,
         "reason": "",
     }
+    row |= describe(gait, target_speed=config.teacher.speed, mass=parameters.mass, hops=footfall.together)
     try:
         check_reference(gait, footfall)
+        check_speed(config.teacher.speed, row["steady_speed_m_per_s"])
     except ArtifactError as error:
         row |= {"fit": False, "reason": str(error)}
-    row |= describe(gait, target_speed=config.teacher.speed, mass=parameters.mass, hops=footfall.together)
     weight = parameters.mass * GRAVITY
     force = math.nan if gait.ground_force is None else peak_force(gait.ground_force, gait.valid)
     row["peak_force_body_weights"] = force / weight

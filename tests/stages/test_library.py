@@ -11,6 +11,7 @@ import pytest
 from romgrl.artifacts import load_arrays
 from romgrl.artifacts.checkpoint import CHECKPOINT
 from romgrl.config.schema import Config
+from romgrl.errors import ArtifactError
 from romgrl.gait.load_metrics import peak_force
 from romgrl.report.library_table import library_metrics, library_tables
 from romgrl.rom.gait_clocks import RUN
@@ -41,6 +42,14 @@ def test_peaks_are_of_whole_stances() -> None:
     force[0, :, 0] = [5, 5, 0, 1, 3, 2, 0, 0, 4, 0, 9, 9]  # the first and the last stance are cut
     assert peak_force(force, np.ones((1, 12), bool)) == pytest.approx(3.5)
     assert np.isnan(peak_force(force, np.arange(12)[None] < 3))
+
+
+@pytest.mark.parametrize(("asked", "held"), [(4.0, 4.19), (4.0, 3.81), (0.0, -0.04), (0.5, 0.54)])
+def test_a_cell_holds_its_speed(asked: float, held: float) -> None:
+    library.check_speed(asked, held)
+    for wrong in (asked + 2 * (held - asked), float("nan")):
+        with pytest.raises(ArtifactError, match=rf"holds {wrong:.2f} m/s: off by more than 0\.\d\d"):
+            library.check_speed(asked, wrong)
 
 
 @pytest.fixture
