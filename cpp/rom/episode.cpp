@@ -52,7 +52,8 @@ void Episode::begin(const Parameters& p, double* state) {
     begin(p);
     speed = draw(kCommandDraws, p.speed_low, p.speed_high);
     const double usual = std::sqrt(std::fmax(p.gravity, 1.0) * p.leg_length);
-    const double angle = draw(0, p.reset_hip_angle_low, p.reset_hip_angle_high) * (p.reset_together ? speed / usual : 1.0);
+    const double drawn = draw(0, p.reset_hip_angle_low, p.reset_hip_angle_high);
+    const double angle = p.reset_by_speed ? std::fmin(drawn * speed / usual, p.hip_angle_limit) : drawn;
     const int front = draw(2, 0.0, 1.0) < 0.5 ? 0 : 1;
     Pose pose;
     pose.y = p.leg_length * std::cos(angle) + p.foot_radius - kTouch;

@@ -52,6 +52,7 @@ constexpr double kUnlimited = std::numeric_limits<double>::infinity();
     ROW(double, stiffness_share_high, 1.0, 0.1, 10.0)                \
     ROW(int, command_steps, 0, 0, 1e9)                               \
     ROW(bool, reset_together, false, 0.0, 1.0)                       \
+    ROW(bool, reset_by_speed, false, 0.0, 1.0)                       \
     ROW(double, control_frequency, 30.0, 1.0, 10000.0)               \
     ROW(int, episode_steps, 400, 1, 1e9)                             \
     ROW(double, alpha, 1.0, 1e-9, 1e6)                               \
@@ -60,8 +61,8 @@ constexpr double kUnlimited = std::numeric_limits<double>::infinity();
     ROW(bool, observation_is_paper, false, 0.0, 1.0)                 \
     ROW(bool, engine_is_native, false, 0.0, 1.0)
 
-// Ranges from which resets are drawn; their bounds depend on other parameters. Speeds are shares of the world's speed, the
-// angle of feet that are together is that at sqrt(g L0); a drop is the height that the trunk has fallen by, m.
+// Ranges from which resets are drawn; their bounds depend on other parameters. Speeds are shares of the world's speed, with
+// reset_by_speed angles are those at sqrt(g L0); a drop is the height that the trunk has fallen by, m.
 #define ROMGRL_RESETS(ROW)                  \
     ROW(double, reset_hip_angle_low, 0.33)  \
     ROW(double, reset_hip_angle_high, 0.42) \

@@ -78,8 +78,11 @@ class VariableLeg(SpringLeg):
     shortest_rest: float = key("shortest rest length, share of leg_length", low=0.05, high=1)
     longest_rest: float = key("longest rest length, share of leg_length", low=1, high=1.5)
     reset_together: bool = key(
-        "true: both feet touch down at a reset, ahead by reset_hip_angle at a speed of sqrt(g leg_length) and in "
-        "proportion at others; false: one of them, the other one is as far behind",
+        "true: both feet touch down at a reset, ahead of the hip; false: one of them, the other one is as far behind",
+        before=False,
+    )
+    reset_by_speed: bool = key(
+        "true: reset_hip_angle is that at a speed of sqrt(g leg_length), at others it is in proportion to the speed",
         before=False,
     )
     reset_drop: list[float] = key(

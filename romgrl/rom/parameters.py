@@ -81,6 +81,7 @@ class VariableLegParameters(SpringLegParameters):
     shortest_rest: float = _default("shortest_rest")
     longest_rest: float = _default("longest_rest")
     reset_together: bool = _default("reset_together")
+    reset_by_speed: bool = _default("reset_by_speed")
     reset_drop: tuple[float, float] = (0.0, 0.0)
 
 

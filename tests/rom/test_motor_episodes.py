@@ -81,7 +81,7 @@ def test_the_work_of_all_actuators_can_cost() -> None:
 def test_episodes_can_begin_with_both_feet_after_a_fall() -> None:
     """Both feet rest on the ground, ahead in proportion to the speed; the trunk falls as from the drawn height."""
     ends = {"speed_low": 1.0, "speed_high": 3.0, "reset_hip_angle_low": 0.1, "reset_hip_angle_high": 0.3}
-    ends |= {"reset_drop_low": 0.05, "reset_drop_high": 0.2, "reset_together": True}
+    ends |= {"reset_drop_low": 0.05, "reset_drop_high": 0.2, "reset_together": True, "reset_by_speed": True}
     worlds = Worlds(core_parameters(**MOTOR | ends), 500)
     worlds.batch.seed(2)
     worlds.batch.reset()
@@ -98,6 +98,9 @@ def test_episodes_can_begin_with_both_feet_after_a_fall() -> None:
     assert (seen[:, 3] < 0).all()
     feet = worlds.feet()
     assert np.abs(feet[:, 3:5]).max() < 1e-9
+    steep = Worlds(core_parameters(**MOTOR | ends | {"reset_hip_angle_high": 1.2, "speed_high": 10.0}), 200)
+    steep.batch.observe(steep["observation"], steep["features"], steep["contact"])
+    assert steep["observation"][:, 10].max() == pytest.approx(1.3)  # the hip's stop
 
 
 def test_legs_are_drawn_with_their_motors() -> None:

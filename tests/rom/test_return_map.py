@@ -110,7 +110,12 @@ def test_legs_with_motors_have_a_clock_and_no_shortening() -> None:
 def test_a_hop_is_cut_at_the_top_of_its_flight() -> None:
     """The trunk neither rises nor falls there; a disturbance moves each coordinate by itself."""
     parameters = VariableLegParameters(
-        engine="native", reset_together=True, reset_hip_angle=(0.1, 0.3), reset_drop=(0.05, 0.1), stiffness=10500.0
+        engine="native",
+        reset_together=True,
+        reset_by_speed=True,
+        reset_hip_angle=(0.1, 0.3),
+        reset_drop=(0.05, 0.1),
+        stiffness=10500.0,
     )
     stride = StrideMap(PhasePolicy(HOP.mean, "hop"), parameters, speed=0.5, control_frequency=30.0, top=True)
     names = stride.names
