@@ -62,9 +62,11 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
     library = {name: np.stack([each[name] for each in arrays]) for name in arrays[0]} | names
     save_arrays(output / "library.npz", library)
     save(gait_atlas(table), output, "gait_atlas")
-    teacher = f"{config.teacher.algorithm} on {config.rom.model}, seed {config.seed}, artifact {inputs['teacher'].name}"
+    how = f"a {config.teacher.gait} by {config.teacher.algorithm} on {config.rom.model}, seed {config.seed}"
     radius = rom_parameters(config).foot_radius
-    write_library_page(output / "report.html", table, library, foot_radius=radius, teacher=teacher)
+    write_library_page(
+        output / "report.html", table, library, foot_radius=radius, teacher=f"{how}, artifact {inputs['teacher'].name}"
+    )
     log.message(f"{int(table.fit.sum())} of {len(table)} cells are fit to be imitated")
 
 
