@@ -22,7 +22,8 @@ def key(
 ) -> Any:
     """Describe one key: low <= value <= high, value > above, or value in choices. The value comes from YAML.
 
-    `span`: a list of two numbers, the ends of a range. `before`: what holds for artifacts that are older than the key.
+    `span`: a list of two numbers, the ends of a range. `before`: what holds for artifacts that are older than the
+    key; a tuple: any of these, which made no difference then.
     """
     told = {"doc": doc, "unit": unit, "choices": choices, "span": span, "before": before}
     return field(default=MISSING, metadata={**told, "low": low, "high": high, "above": above})

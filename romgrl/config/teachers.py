@@ -22,7 +22,7 @@ class Teacher:
     gait: str = key(
         "what it is to learn: its reference is checked for it, and algorithm=cmaes searches for it",
         choices=GAITS,
-        before="run",
+        before=("run", "walk"),
     )
     speed: float = key("target speed of the teacher", unit="m/s", low=0, high=10)
     speeds: list[float] | None = key(

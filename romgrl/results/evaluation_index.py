@@ -197,7 +197,8 @@ def differing(had: Settings, wanted: Settings) -> Iterator[tuple[str, str]]:
 def as_before(key: str, value: Any) -> bool:
     """Tell whether a value of a key is what artifacts were made with before the key was there."""
     entry = schema_keys().get(key)
-    return entry is not None and entry.metadata["before"] is not MISSING and bool(entry.metadata["before"] == value)
+    before = MISSING if entry is None else entry.metadata["before"]
+    return before is not MISSING and (value in before if isinstance(before, tuple) else bool(before == value))
 
 
 def simplified(settings: Mapping[str, Any]) -> Settings:

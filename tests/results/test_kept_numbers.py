@@ -52,3 +52,11 @@ def test_verdicts_are_of_the_trainings_that_the_documents_begin_with(
     selection = select(numbers, compose_config("evaluation=thorough"))
     assert {each.directory.name for each in selection.used} == told
     assert sum("other bits" in reason for reason in selection.left_out.values()) == len(told) == 5
+
+
+def test_walks_that_were_trained_before_a_gait_could_be_named_still_count(compose_config: Composer) -> None:
+    """They alternated, and were checked for no more; another gait than these two they were not."""
+    config = compose_config("experiment=walking", "evaluation=thorough")
+    assert select(NUMBERS, config).seeds == [5, 6, 7, 8, 9]
+    config.teacher.gait = "hop"
+    assert select(NUMBERS, config).used == []
