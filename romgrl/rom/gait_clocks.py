@@ -17,12 +17,10 @@ Part = tuple[str, tuple[float, ...], float]
 class GaitClock:
     """The clock of a gait, in cycles of one leg from its touchdown.
 
-    phase: of the right touchdown in the left leg's cycle; rate: cycles per sqrt(L0 / g), what an exponent of 0 stands
-    for; parts: name, first values and first deviation of the parameters, angles in rad, the rest in shares of what the
-    motors can.
+    rate: cycles per sqrt(L0 / g), what an exponent of 0 stands for; parts: name, first values and first deviation of
+    the parameters, angles in rad, the rest in shares of what the motors can.
     """
 
-    phase: float
     rate: float
     stance_knots: tuple[float, ...]
     swing_knots: tuple[float, ...]
@@ -38,11 +36,6 @@ class GaitClock:
         """Their first deviations (n,)."""
         return np.array([deviation for _, values, deviation in self.parts for _ in values])
 
-    @property
-    def latest(self) -> float:
-        """The clock of the leg that touched down last stops there where no other one does."""
-        return max(self.phase, 1.0 - self.phase) + 0.25
-
 
 def parts(
     *,
@@ -53,7 +46,7 @@ def parts(
     placement: float,
     spread: float,
 ) -> tuple[Part, ...]:
-    """The parameters of a gait in their order; spread: first deviation of torque and drive of the stance."""
+    """The parameters of a gait in their order; spread: first deviation of the torque of the stance."""
     return (
         ("log_rate", (0.0,), 0.2),
         ("stance_torque", tuple(torque), spread),
@@ -68,7 +61,6 @@ def parts(
 
 
 RUN = GaitClock(
-    phase=0.5,
     rate=0.445,  # 1.47 strides/s of human legs
     stance_knots=(0.0, 0.15, 0.3, 0.5),
     swing_knots=(0.25, 0.5, 0.75, 1.0),
@@ -82,7 +74,6 @@ RUN = GaitClock(
     ),
 )
 WALK = GaitClock(
-    phase=0.5,
     rate=0.29,  # 0.95 strides/s
     stance_knots=(0.0, 0.15, 0.3, 0.45, 0.6),
     swing_knots=(0.5, 0.65, 0.8, 1.0),
@@ -96,7 +87,6 @@ WALK = GaitClock(
     ),
 )
 HOP = GaitClock(
-    phase=0.0,
     rate=0.66,  # 2.2 hops/s
     stance_knots=(0.0, 0.15, 0.3, 0.5),
     swing_knots=(0.5, 0.75, 1.0, 1.15),
@@ -110,7 +100,6 @@ HOP = GaitClock(
     ),
 )
 SKIP = GaitClock(
-    phase=0.3,
     rate=0.5,
     stance_knots=(0.0, 0.15, 0.3, 0.45),
     swing_knots=(0.35, 0.55, 0.8, 1.0),

@@ -19,6 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from romgrl.gait.footfall import FOOTFALLS
 from romgrl.rom.gait_clocks import CLOCKS
 from romgrl.rom.observation import MOTOR_OBSERVATION_NAMES
 
@@ -26,6 +27,8 @@ Array = NDArray[np.float64]
 
 LANDING = 0.05
 """A leg that has just touched down counts as loaded for so many cycles."""
+LATE = 0.25
+"""The clock of the leg that landed last stops so many cycles after the other one should have landed."""
 STIFFNESS, DAMPING = 1.5, 0.27
 """Shares of the largest torque per rad and per sqrt(g / L0): what exponents of 0 stand for."""
 COLUMNS = {name: MOTOR_OBSERVATION_NAMES.index(name) for name in MOTOR_OBSERVATION_NAMES}
@@ -53,10 +56,9 @@ class PhasePolicy:
         self.gait, self.spans, self.clock = gait, tuple(spans), CLOCKS[gait]
         self._stance, self._swing = np.array(self.clock.stance_knots), np.array(self.clock.swing_knots)
         self._ends = np.cumsum([len(values) for _, values, _ in self.clock.parts])[:-1]
-        self._ahead = (
-            self.clock.phase,
-            (1.0 - self.clock.phase) % 1.0,
-        )  # of left and right leg, from the other's landing
+        phase = FOOTFALLS[gait].phase
+        self._ahead = (phase, (1.0 - phase) % 1.0)  # of left and right leg, where the other one landed last
+        self._latest = max(phase, 1.0 - phase) + LATE
         self._legs = [
             tuple(COLUMNS[f"{side}_{name}"] for name in ("load", "hip_angle", "hip_rate")) for side in ("left", "right")
         ]
@@ -74,7 +76,7 @@ class PhasePolicy:
     def __call__(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
         of = self.asked(observation)
         rate = self.clock.rate * np.exp(of["log_rate"][:, 0])
-        age = np.minimum(observation[:, COLUMNS["time_since_touchdown"]] * rate, self.clock.latest)
+        age = np.minimum(observation[:, COLUMNS["time_since_touchdown"]] * rate, self._latest)
         too_fast = observation[:, COLUMNS["forward_velocity"]] - observation[:, COLUMNS["target_speed"]]
         stiffness = STIFFNESS * np.exp(of["log_stiffness"][:, 0])
         damping = DAMPING * np.exp(of["log_damping"][:, 0])

@@ -83,8 +83,8 @@ def test_parameters_are_linear_in_what_is_asked(seen: NDArray[np.float32]) -> No
 @pytest.mark.parametrize("gait", CLOCKS)
 def test_each_gait_has_its_clock(gait: str) -> None:
     """The other leg is ahead by what the footfall says: the right one is at 1 - phase where the left one lands."""
-    clock = CLOCKS[gait]
-    assert clock.phase == FOOTFALLS[gait].phase
+    clock, phase = CLOCKS[gait], FOOTFALLS[gait].phase
+    assert CLOCKS.keys() == FOOTFALLS.keys()
     assert len(clock.mean) == len(clock.deviation) == sum(len(values) for _, values, _ in clock.parts)
     assert [name for name, _, _ in clock.parts] == [name for name, _, _ in RUN.parts]
     assert (clock.deviation > 0).all()
@@ -95,7 +95,7 @@ def test_each_gait_has_its_clock(gait: str) -> None:
     for side, own, other in ((1.0, 0, 1), (-1.0, 1, 0)):
         row[0, names.index("last_touchdown_side")] = side
         row[0, names.index("time_since_touchdown")] = 0.1 / clock.rate
-        moved = (1.0 - clock.phase) % 1.0 if side > 0 else clock.phase
+        moved = (1.0 - phase) % 1.0 if side > 0 else phase
         for leg, at in ((own, 0.1), (other, 0.1 + moved)):
             drive = between(np.array([at]), np.array(clock.swing_knots), of["swing_drive"])
             np.testing.assert_allclose(policy(row)[0, 2 + leg], drive[0], atol=1e-6)
