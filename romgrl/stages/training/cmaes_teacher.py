@@ -11,7 +11,7 @@ import torch
 from romgrl.config.schema import Config
 from romgrl.config.teachers import CMAESTeacher
 from romgrl.runtime.stage_log import StageLog
-from romgrl.stages.training.cycle_search import CycleSearch
+from romgrl.stages.training.cycle_search import SHORTER, CycleSearch
 from romgrl.stages.training.speed_check import SpeedChecks
 from romgrl.stages.wiring.commands import checked_tasks
 from romgrl.stages.wiring.rom import rom_env
@@ -21,7 +21,7 @@ CHECKED_EPISODES = 1600
 """In how many episodes a search checks its mean over its second half, a few at a time: what falls seldom falls."""
 EPISODES = 40
 """Of each check of a task."""
-SCOUTED = 0.3
+SCOUTED, _ = SHORTER[-1]
 """After this share of the generations, in which tries are short, the best of the searches goes on alone."""
 SEED_STEP = 10_007
 """Between the seeds of searches."""
