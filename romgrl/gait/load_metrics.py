@@ -35,8 +35,13 @@ def peak_force(ground_force: Floats, valid: Bools) -> float:
 
     ground_force (E, T, 2) N, means over a control step, which are a few percent below what the peak itself is.
     """
+    return _mean(np.array([stance.max() for stance in stance_forces(ground_force, valid)]))
+
+
+def stance_forces(ground_force: Floats, valid: Bools) -> list[Floats]:
+    """The force under a foot in each whole stance (steps,), N; ground_force (E, T, 2) N, valid (E, T)."""
     feet = [foot for episode, mask in zip(ground_force, valid, strict=True) for foot in episode[mask].T]
-    return _mean(np.array([foot[start:stop].max() for foot in feet for start, stop in whole_stances(foot > 0)]))
+    return [foot[start:stop] for foot in feet for start, stop in whole_stances(foot > 0)]
 
 
 def whole_stances(contact: Bools) -> list[tuple[int, int]]:
@@ -52,10 +57,8 @@ def force_valley(ground_force: Floats, valid: Bools) -> float:
     1 where there is one hump; of people who walk at their own pace 0.73 (Perry & Burnfield 2010). ground_force
     (E, T, 2) N, means over a control step; valid (E, T).
     """
-    feet = [foot for episode, mask in zip(ground_force, valid, strict=True) for foot in episode[mask].T]
-    stances = [foot[start:stop] for foot in feet for start, stop in whole_stances(foot > 0)]
     share = np.linspace(0.0, 1.0, STANCE_POINTS)
-    curves = [np.interp(share, np.linspace(0.0, 1.0, len(each)), each) for each in stances]
+    curves = [np.interp(share, np.linspace(0.0, 1.0, len(each)), each) for each in stance_forces(ground_force, valid)]
     if not curves:
         return float("nan")
     mean, middle = np.mean(curves, axis=0), STANCE_POINTS // 2

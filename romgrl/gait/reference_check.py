@@ -13,7 +13,7 @@ LOWEST_BODY = 0.7  # of the median body height; a fall ends lower
 LARGEST_SLIP = 0.1  # of the mean speed; feet that stick show 0.01 to 0.02, the error of differences over a step
 SLOWEST_SLIP_LIMIT = 0.2  # m/s, for slow gaits
 LARGEST_SPEED_TREND = 0.15  # of the mean speed, from the start of an episode to its end; teachers show 0.04 to 0.11
-SLOWEST_TREND = 1.0  # m/s, of which a trend is a share in gaits that are slower
+SLOWEST_TREND = 0.5  # m/s, of which a trend is a share in gaits that are slower
 LARGEST_HEIGHT_TREND = 0.05  # of the mean body height
 
 

@@ -63,7 +63,7 @@ class PhasePolicy:
             tuple(COLUMNS[f"{side}_{name}"] for name in ("load", "hip_angle", "hip_rate")) for side in ("left", "right")
         ]
 
-    def asked(self, observation: NDArray[np.float32]) -> dict[str, Array]:
+    def parts_for(self, observation: NDArray[np.float32]) -> dict[str, Array]:
         """The parameters of the worlds (N or 1, k) by their part, for what is asked of them."""
         size = len(self.clock.mean)
         own = self.parameters[:, :size]
@@ -74,7 +74,7 @@ class PhasePolicy:
         return dict(zip(names, np.split(own, self._ends, axis=1), strict=True))
 
     def __call__(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
-        of = self.asked(observation)
+        of = self.parts_for(observation)
         rate = self.clock.rate * np.exp(of["log_rate"][:, 0])
         age = np.minimum(observation[:, COLUMNS["time_since_touchdown"]] * rate, self._latest)
         too_fast = observation[:, COLUMNS["forward_velocity"]] - observation[:, COLUMNS["target_speed"]]

@@ -91,7 +91,7 @@ def test_each_gait_has_its_clock(gait: str) -> None:
     names = VariableLegVectorEnv(num_envs=1).observation_names
     row = np.zeros((1, len(names)), np.float32)
     policy = PhasePolicy(clock.mean, gait)
-    of = policy.asked(row)
+    of = policy.parts_for(row)
     for side, own, other in ((1.0, 0, 1), (-1.0, 1, 0)):
         row[0, names.index("last_touchdown_side")] = side
         row[0, names.index("time_since_touchdown")] = 0.1 / clock.rate
