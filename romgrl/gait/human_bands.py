@@ -1,4 +1,4 @@
-"""Human gait as a yardstick: bands of the numbers in gait.csv at walking and running speeds, each with its source.
+"""Human gait as a yardstick: bands of the numbers in gait.csv and library.csv over speed, each with its source.
 
 The data are in human_bands.csv; docs/method.md lists the references. Between two speeds of one gait a band is
 interpolated linearly; at other speeds there is none. A measure that is known at one speed has one there alone.
@@ -8,13 +8,16 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from functools import cache
 from itertools import groupby, pairwise
 from pathlib import Path
 
-OF_PEOPLE = ("walk", "run")
+ON_TWO_FEET = ("walk", "run")
+"""What people do at one speed or another: a walker is held to the one that they would choose."""
+COMPARED_WITH = {"walk": ON_TWO_FEET, "run": ON_TWO_FEET, "hop": ("hop",)}
+"""Gaits that have bands, by `teacher.gait`."""
 TABLE = Path(__file__).with_suffix(".csv")
 POWER = "positive_power_w_per_kg"
 ENERGY = (POWER, "cost_of_transport")
@@ -27,7 +30,7 @@ ON_SPRINGS = "positive_power_without_retraction_w_per_kg"
 class Band:
     """What human adults show of one measure: low <= value <= high, in the unit that ends the measure's name."""
 
-    gait: str  # walk or run
+    gait: str  # walk, run or hop
     speed: float  # m/s
     measure: str
     low: float
@@ -56,21 +59,25 @@ def table() -> tuple[Band, ...]:
         )
 
 
-def bands(speed: float) -> dict[str, Band]:
-    """The bands at a speed (m/s) by measure; none outside the speeds of the table and between walking and running."""
+def bands(speed: float, gaits: Collection[str] = ON_TWO_FEET) -> dict[str, Band]:
+    """The bands of some gaits at a speed (m/s) by measure.
+
+    None outside the speeds of the table and between walking and running.
+    """
     found: dict[str, Band] = {}
-    for (_, measure), rows in groupby(sorted(table(), key=_order), key=lambda band: (band.gait, band.measure)):
-        known = list(rows)
-        for slower, faster in pairwise([known[0], *known]):
+    known = sorted((band for band in table() if band.gait in gaits), key=_order)
+    for (_, measure), rows in groupby(known, key=lambda band: (band.gait, band.measure)):
+        at = list(rows)
+        for slower, faster in pairwise([at[0], *at]):
             if slower.speed <= speed <= faster.speed:
                 found[measure] = _between(slower, faster, speed)
     return found
 
 
-def outside(row: Mapping[str, float], speed: float) -> dict[str, Band]:
-    """The bands at a speed that a row of gait.csv leaves; empty where all hold or there are none."""
+def outside(row: Mapping[str, float], speed: float, gaits: Collection[str] = ON_TWO_FEET) -> dict[str, Band]:
+    """The bands at a speed that a row of gait.csv or library.csv leaves; empty where all hold or there are none."""
     values = {**row, "stride_length_m": stride_length(row)}
-    return {name: band for name, band in bands_for(values, speed).items() if not band.holds(values[name])}
+    return {name: band for name, band in bands_for(values, speed, gaits).items() if not band.holds(values[name])}
 
 
 def stride_length(row: Mapping[str, float]) -> float:
@@ -79,24 +86,24 @@ def stride_length(row: Mapping[str, float]) -> float:
     return row["steady_speed_m_per_s"] / rate if rate > 0 else float("nan")
 
 
-def human_verdict(row: Mapping[str, float], speed: float) -> str:
+def human_verdict(row: Mapping[str, float], speed: float, gaits: Collection[str] = ON_TWO_FEET) -> str:
     """One line: which numbers of a row of gait.csv are human at this speed, and which are not."""
-    known, off = bands_for(row, speed), outside(row, speed)
+    values = {**row, "stride_length_m": stride_length(row)}
+    known, off = bands_for(values, speed, gaits), outside(row, speed, gaits)
     if not known:
-        return f"no human bands at {speed:g} m/s"
+        return f"no human bands at {speed:g} m/s" if gaits else "no human bands of such a gait"
     if not off:
         return "in all human bands: " + ", ".join(known)
-    values = {**row, "stride_length_m": stride_length(row)}
     return "outside the human bands: " + ", ".join(
         f"{name} {values[name]:.3g} ({band.low:.3g} to {band.high:.3g})" for name, band in off.items()
     )
 
 
-def bands_for(row: Mapping[str, float], speed: float) -> dict[str, Band]:
-    """The bands at a speed that a row of gait.csv can be held to: for ENERGY, where it was recorded of joints."""
+def bands_for(row: Mapping[str, float], speed: float, gaits: Collection[str] = ON_TWO_FEET) -> dict[str, Band]:
+    """The bands at a speed of the measures that a row has: of ENERGY, where it was recorded of joints."""
     springs = math.isfinite(row.get(ON_SPRINGS, math.nan))
-    known = {name for name in ENERGY if math.isfinite(row.get(name, math.nan)) and not springs}
-    return {name: band for name, band in bands(speed).items() if name not in ENERGY or name in known}
+    lacking = {name for name in ENERGY if springs or not math.isfinite(row.get(name, math.nan))}
+    return {name: band for name, band in bands(speed, gaits).items() if name in row and name not in lacking}
 
 
 def _order(band: Band) -> tuple[str, str, float]:

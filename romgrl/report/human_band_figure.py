@@ -39,7 +39,9 @@ def gait_bands(gaits: pd.DataFrame, speed: float) -> Figure:
 def human_table(speed: float) -> pd.DataFrame:
     """The human bands at a speed with their sources, for reading; no row where nothing is known."""
     bands = human_bands.bands(speed)
-    rows = [(MEASURES[name].title, band.low, band.high, band.source) for name, band in bands.items()]
+    rows = [
+        (MEASURES[name].title, band.low, band.high, band.source) for name, band in bands.items() if name in MEASURES
+    ]
     return pd.DataFrame(rows, columns=["measure", "low", "high", "source"])
 
 

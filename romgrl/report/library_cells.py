@@ -65,13 +65,14 @@ def cell_lines(table: pd.DataFrame) -> list[CellLine]:
 def band_curve(measure: str, table: pd.DataFrame) -> tuple[Floats, Floats, Floats]:
     """Speeds (N,) m/s over those of library.csv, and what people show of a measure there, low and high (N,); nan: none.
 
-    There is none where no gait of the table is a walk or a run.
+    They are of walks and runs where the table has one of them, else of its gait.
     """
     low, high = float(table.speed_m_per_s.min()), float(table.speed_m_per_s.max())
-    known = not set(human_bands.OF_PEOPLE).isdisjoint(table.gait)
+    own = {human_bands.COMPARED_WITH.get(gait, ()) for gait in table.gait}
+    gaits = human_bands.ON_TWO_FEET if human_bands.ON_TWO_FEET in own else min(own)
     reach = 0.0 if high > low else REACH
     places = np.linspace(low - reach, high + reach, BAND_POINTS)
-    bands = [human_bands.bands(float(speed)).get(measure) if known else None for speed in places]
+    bands = [human_bands.bands(float(speed), gaits).get(measure) for speed in places]
     ends = [(np.nan, np.nan) if band is None else (band.low, band.high) for band in bands]
     return places, *np.array(ends).T
 
@@ -80,5 +81,5 @@ def said_of(fit: bool, reason: str, values: Mapping[str, float], gait: str) -> s
     """Why a cell is refused, or which human bands it leaves; values: the numbers of its row."""
     if not fit:
         return reason
-    off = human_bands.outside(values, values["speed_m_per_s"]) if gait in human_bands.OF_PEOPLE else {}
+    off = human_bands.outside(values, values["speed_m_per_s"], human_bands.COMPARED_WITH.get(gait, ()))
     return f"yes; not human: {', '.join(off)}" if off else "yes"

@@ -37,9 +37,8 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
             f"{told}{row['falls']:.0f} falls in {CHECK_EPISODES} episodes, {row['mean_speed_m_per_s']:.2f} m/s, "
             f"left-right correlation {row['left_right_correlation']:.2f}, {row['stride_frequency_hz']:.2f} strides/s"
         )
-        compared = at.teacher.gait in human_bands.OF_PEOPLE
-        verdict = human_bands.human_verdict(row, at.teacher.speed) if compared else "no human bands of such a gait"
-        log.message(f"{told}{verdict}")
+        compared = human_bands.COMPARED_WITH.get(at.teacher.gait, ())
+        log.message(f"{told}{human_bands.human_verdict(row, at.teacher.speed, compared)}")
     write_gaits(output / "gait.csv", rows)
 
 

@@ -10,6 +10,7 @@ from romgrl.gait import human_bands
 from romgrl.gait.metrics import GRAVITY
 
 MEASURES = {"stride_frequency_hz", "stride_length_m", "duty_factor", "pelvis_excursion_m"}
+FORCES = {"peak_force_body_weights", "force_valley", "net_extension_m"}
 ROW = {
     "steady_speed_m_per_s": 4.0,
     "stride_frequency_hz": 1.5,
@@ -21,7 +22,7 @@ ROW = {
 @pytest.mark.parametrize("speed", [1.0, 1.4, 2.5, 4.0])
 def test_every_speed_has_every_measure_with_a_source(speed: float) -> None:
     bands = human_bands.bands(speed)
-    assert set(bands) == MEASURES | (set(human_bands.ENERGY) if speed == 4.0 else set())
+    assert set(bands) - FORCES == MEASURES | (set() if speed == 2.5 else set(human_bands.ENERGY))
     assert all(0 < band.low < band.high and band.source for band in bands.values())
 
 
@@ -52,6 +53,32 @@ def test_a_walk_has_double_support_and_a_run_has_flight() -> None:
             assert (band.low > 0.5) if band.gait == "walk" else (band.high < 0.5)
 
 
+@pytest.mark.parametrize(("speed", "known"), [(1.0, {0}), (1.4, {0, 1}), (2.5, {0, 2}), (3.61, {0, 2}), (4.0, set())])
+def test_forces_have_bands_where_they_were_measured(speed: float, known: set[int]) -> None:
+    names = ("peak_force_body_weights", "force_valley", "net_extension_m")
+    assert FORCES & set(human_bands.bands(speed)) == {names[place] for place in known}
+
+
+def test_people_push_harder_the_faster_they_run_and_walk_with_less() -> None:
+    slow, fast, walk = (human_bands.bands(speed)["peak_force_body_weights"] for speed in (2.5, 3.61, 1.4))
+    assert walk.high < slow.low < fast.low
+    assert (fast.low + fast.high) / 2 == pytest.approx(2.62, rel=0.01)
+
+
+def test_a_hop_is_held_to_bands_of_its_own() -> None:
+    hops = human_bands.COMPARED_WITH["hop"]
+    assert set(human_bands.bands(0.0, hops)) == {"stride_frequency_hz"}
+    assert human_bands.outside(ROW, 1.0, hops).keys() == {"stride_frequency_hz"}
+    assert human_bands.human_verdict(ROW | {"stride_frequency_hz": 2.2}, 0.0, hops).startswith("in all human bands")
+    assert human_bands.human_verdict(ROW, 1.0, ()) == "no human bands of such a gait"
+
+
+def test_a_row_is_held_to_the_measures_that_it_has() -> None:
+    assert set(human_bands.bands_for(ROW, 2.5)) == MEASURES - {"stride_length_m"}
+    force = ROW | {"peak_force_body_weights": 3.0}
+    assert "peak_force_body_weights" in human_bands.outside(force, 2.5)
+
+
 def test_between_two_speeds_a_band_is_interpolated() -> None:
     slow, fast, middle = (human_bands.bands(speed)["duty_factor"] for speed in (2.5, 4.0, 3.25))
     assert middle.low == pytest.approx((slow.low + fast.low) / 2)
@@ -80,10 +107,18 @@ def test_a_measure_known_at_one_speed_holds_there_alone() -> None:
     assert human_bands.POWER not in human_bands.bands(3.9)
 
 
-def test_the_cost_of_a_run_is_twice_its_positive_power_per_weight_and_speed() -> None:
-    power, cost = (human_bands.bands(4.0)[name] for name in human_bands.ENERGY)
+@pytest.mark.parametrize("speed", [1.0, 1.4])
+def test_the_most_power_of_a_walk_is_what_moves_body_and_limbs(speed: float) -> None:
+    """Heglund et al. 1982, equation of the abstract: 0.478 v^1.53 + 0.685 v + 0.072 W/kg."""
+    moved = 0.478 * speed**1.53 + 0.685 * speed + 0.072
+    assert human_bands.bands(speed)[human_bands.POWER].high == pytest.approx(moved, rel=0.01)
+
+
+@pytest.mark.parametrize("speed", [1.0, 1.4, 4.0])
+def test_the_cost_of_a_gait_is_twice_its_positive_power_per_weight_and_speed(speed: float) -> None:
+    power, cost = (human_bands.bands(speed)[name] for name in human_bands.ENERGY)
     assert [cost.low, cost.high] == pytest.approx(
-        [2 * limit / (GRAVITY * 4.0) for limit in (power.low, power.high)], rel=0.02
+        [2 * limit / (GRAVITY * speed) for limit in (power.low, power.high)], rel=0.02
     )
 
 
