@@ -12,7 +12,7 @@
 namespace romgrl {
 
 constexpr int kFullObservation = 20;
-constexpr int kMotorObservation = 28;  // with leg motors
+constexpr int kMotorObservation = 29;  // with leg motors
 constexpr int kPaperObservation = 13;
 constexpr int kFeatures = 5;
 

@@ -10,6 +10,7 @@ namespace {
 
 constexpr double kTouch = 1e-4;  // m; feet start this deep in the ground, so that rounding cannot lift them
 constexpr std::uint64_t kCommandDraws = 4;  // index of the first draw of a command; those before it are of the start
+constexpr std::uint64_t kApexDraws = std::uint64_t{1} << 32;
 constexpr double kLargestInteger = 9007199254740992.0;  // 2^53
 
 // A leg whose foot rests on the ground while the trunk moves.
@@ -29,6 +30,7 @@ void Episode::restart(std::uint64_t value) {
 void Episode::begin(const Parameters& p) {
     steps = 0;
     speed = 0.5 * (p.speed_low + p.speed_high);
+    apex = 0.5 * (p.apex_low + p.apex_high);
     previous_action.fill(0.0);
 }
 
@@ -41,6 +43,7 @@ bool Episode::take_command(const Parameters& p, double& stiffness_share) {
     };
     speed = draw(index, p.speed_low, p.speed_high);
     stiffness_share = draw(index + 1, p.stiffness_share_low, p.stiffness_share_high);
+    apex = draw(kApexDraws + index, p.apex_low, p.apex_high);
     return true;
 }
 
@@ -51,6 +54,7 @@ void Episode::begin(const Parameters& p, double* state) {
     };
     begin(p);
     speed = draw(kCommandDraws, p.speed_low, p.speed_high);
+    apex = draw(kApexDraws, p.apex_low, p.apex_high);
     const double usual = std::sqrt(std::fmax(p.gravity, 1.0) * p.leg_length);
     const double drawn = draw(0, p.reset_hip_angle_low, p.reset_hip_angle_high);
     const double angle = p.reset_by_speed ? std::fmin(drawn * speed / usual, p.hip_angle_limit) : drawn;
@@ -80,6 +84,7 @@ void Episode::save(double* numbers) const {
     numbers[7] = static_cast<double>(seed >> 32);
     numbers[8] = static_cast<double>(seed & 0xFFFFFFFFULL);
     numbers[9] = static_cast<double>(world);
+    numbers[10] = apex;
 }
 
 void Episode::restore(const double* numbers) {
@@ -89,6 +94,7 @@ void Episode::restore(const double* numbers) {
     number = static_cast<std::uint64_t>(numbers[6]);
     seed = (static_cast<std::uint64_t>(numbers[7]) << 32) | static_cast<std::uint64_t>(numbers[8]);
     world = static_cast<std::uint64_t>(numbers[9]);
+    apex = numbers[10];
 }
 
 bool is_state(const double* state) {
@@ -96,7 +102,8 @@ bool is_state(const double* state) {
     const auto action = [](double value) { return std::fabs(value) <= 1.0; };
     const auto whole = [](double value) { return value >= 0.0 && value < kLargestInteger && value == std::floor(value); };
     return is_walker_state(state) && std::all_of(own, own + kMostActions, action) && own[4] >= 0.0 && own[4] < 1e3 &&
-           std::all_of(own + 5, own + kEpisodeState, whole) && std::max(own[7], own[8]) < 4294967296.0;
+           std::all_of(own + 5, own + 10, whole) && std::max(own[7], own[8]) < 4294967296.0 && own[10] >= 0.0 &&
+           own[10] < 1e3;
 }
 
 // The cost of the actuators' work is per body weight and sqrt(g L0).

@@ -9,13 +9,14 @@
 namespace romgrl {
 
 constexpr int kMostActions = 4;  // hip torques left and right; with leg motors their drives left and right
-constexpr int kEpisodeState = 10;
+constexpr int kEpisodeState = 11;
 constexpr int kState = kWalkerState + kEpisodeState;
 
 struct Episode {
     std::uint64_t world = 0, seed = 0, number = 0;  // number: of the next episode
     std::int64_t steps = 0;
     double speed = 0.0;  // to be held, m/s
+    double apex = 0.0;  // to be jumped, m
     std::array<double, kMostActions> previous_action{};
 
     void restart(std::uint64_t value);  // a new stream of random numbers

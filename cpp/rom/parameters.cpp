@@ -52,6 +52,7 @@ void require_leg_motor(const Parameters& p) {
 void require_commands(const Parameters& p) {
     in_range("speed_high", p.speed_high, p.speed_low, 10.0);
     in_range("stiffness_share_high", p.stiffness_share_high, p.stiffness_share_low, 10.0);
+    in_range("apex_high", p.apex_high, p.apex_low, 2.0);
 }
 
 void require_resets(const Parameters& p) {

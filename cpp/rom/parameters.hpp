@@ -50,6 +50,8 @@ constexpr double kUnlimited = std::numeric_limits<double>::infinity();
     ROW(double, speed_high, 4.0, 0.0, 10.0)                          \
     ROW(double, stiffness_share_low, 1.0, 0.1, 10.0)                 \
     ROW(double, stiffness_share_high, 1.0, 0.1, 10.0)                \
+    ROW(double, apex_low, 0.0, 0.0, 2.0)                             \
+    ROW(double, apex_high, 0.0, 0.0, 2.0)                            \
     ROW(int, command_steps, 0, 0, 1e9)                               \
     ROW(bool, reset_together, false, 0.0, 1.0)                       \
     ROW(bool, reset_by_speed, false, 0.0, 1.0)                       \
@@ -73,7 +75,8 @@ constexpr double kUnlimited = std::numeric_limits<double>::infinity();
 
 struct Parameters {
     // trunk_moment_limit: infinity is none; torque_lag: 0 is none; trunk_pinned holds the trunk for tests of a single leg;
-    // speed and share of the stiffness are drawn for each episode and anew after every command_steps (0: never)
+    // speed, share of the stiffness and apex, the rise of a jump over a trunk that stands, m, are drawn for each episode
+    // and anew after every command_steps (0: never)
 #define ROW(type, name, value, ...) type name = value;
     ROMGRL_PARAMETERS(ROW)
     ROMGRL_RESETS(ROW)

@@ -11,9 +11,15 @@ from romgrl.config.values import refusal, show, value_of
 
 MOTORS = "variable_leg"
 OF_MOTORS = {"teacher.stiffness_share": 1.0, "teacher.stiffness_shares": None}
+JUMPING = "jump"
+OF_OTHERS = {"teacher.apex": 0.0, "teacher.apexes": None}
 OF_SEARCH = {"teacher.reward": "exponential", "teacher.command_steps": 0, "teacher.pretrained": False}
 OF_COMMANDS = {"teacher.speeds": None, "teacher.work_cost": 0.0}
-RANGES = {"teacher.speed": "teacher.speeds", "teacher.stiffness_share": "teacher.stiffness_shares"}
+RANGES = {
+    "teacher.speed": "teacher.speeds",
+    "teacher.stiffness_share": "teacher.stiffness_shares",
+    "teacher.apex": "teacher.apexes",
+}
 
 
 def asked_within_range(config: Config) -> Iterator[str]:
@@ -61,6 +67,20 @@ def of_search(config: Config) -> Iterator[str]:
             yield refusal(key, value_of(config, key), f"{show(usual)} with teacher.algorithm=cmaes")
 
 
+def of_jumps(config: Config) -> Iterator[str]:
+    """Jumps alone have an apex, which the reward of PPO does not know."""
+    teacher = config.teacher
+    if teacher.gait != JUMPING:
+        for key, usual in OF_OTHERS.items():
+            if value_of(config, key) != usual:
+                yield refusal(key, value_of(config, key), f"{show(usual)} with teacher.gait={teacher.gait}")
+    elif teacher.algorithm != "cmaes":
+        yield refusal("teacher.gait", JUMPING, f"another gait with teacher.algorithm={teacher.algorithm}")
+    elif not teacher.apex > 0 or (teacher.apexes is not None and not min(teacher.apexes) > 0):
+        key = "teacher.apexes" if teacher.apex > 0 else "teacher.apex"
+        yield refusal(key, value_of(config, key), f"above 0 with teacher.gait={JUMPING}")
+
+
 def trained_ranges(config: Config) -> Iterator[str]:
     """The teacher that ships learned one speed."""
     for key in RANGES.values() if config.teacher.pretrained else ():
@@ -84,11 +104,12 @@ def stiffest_legs(config: Config) -> Iterator[str]:
 
 
 RANGE_CHECKS = (
-    (("teacher.speed", "teacher.speeds", "teacher.stiffness_share", "teacher.stiffness_shares"), asked_within_range),
+    ((*RANGES, *RANGES.values()), asked_within_range),
     (("teacher.command_steps", "teacher.speeds", "teacher.stiffness_shares"), commands_within_range),
     (("stage", "library.stiffness_shares", "teacher.stiffness_shares"), library_within_range),
     (("rom.model", *OF_MOTORS, *OF_COMMANDS), of_model),
     (("teacher.algorithm", "rom.model", *OF_SEARCH), of_search),
+    (("teacher.gait", "teacher.algorithm", *OF_OTHERS), of_jumps),
     (("teacher.pretrained", *RANGES.values()), trained_ranges),
     ((*ROM_KEYS, "teacher.stiffness_share", "teacher.stiffness_shares"), stiffest_legs),
 )

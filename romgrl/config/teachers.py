@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from romgrl.config.fields import key
 
-GAITS = ("run", "walk", "hop", "skip")  # of romgrl.gait.footfall
+GAITS = ("run", "walk", "hop", "skip", "jump")  # of romgrl.gait.footfall
 LONG_RUN = 1_000  # control steps over which a teacher is watched: 33 s, after which runs are steady
 
 TEACHERS: dict[str, type[Teacher]] = {}
@@ -41,6 +41,21 @@ class Teacher:
         "range of it that worlds have in a training, each episode another; null: stiffness_share alone",
         low=0.1,
         high=10,
+        span=True,
+        before=None,
+    )
+    apex: float = key(
+        "how far the body rises over its standing height in each jump; 0: where it does not jump",
+        unit="m",
+        low=0,
+        high=2,
+        before=0.0,
+    )
+    apexes: list[float] | None = key(
+        "range of it that worlds have in a training, each episode another; null: apex alone",
+        unit="m",
+        low=0,
+        high=2,
         span=True,
         before=None,
     )
@@ -143,6 +158,13 @@ class CMAESTeacher(Teacher):
     )
     search_steps: int = key(
         "control steps of a try; the first generations have a quarter and a half of them", low=40, high=10**6
+    )
+    apex_alpha: float = key(
+        "sensitivity of what a jump earns to the distance of its apex from the one asked for",
+        unit="1/m",
+        above=0,
+        high=1000,
+        before=10.0,
     )
     limp_cost: float = key(
         "share of the reward that is lost by the deviation of the times between touchdowns, share of their mean",

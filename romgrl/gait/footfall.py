@@ -30,6 +30,7 @@ FOOTFALLS = {
     "walk": Footfall(0.5, flight=(0.0, 0.02), correlation=ALTERNATING),
     "run": Footfall(0.5, flight=(0.0, 0.8), correlation=ALTERNATING),
     "hop": Footfall(0.0, flight=(0.1, 0.8), off=0.1),
+    "jump": Footfall(0.0, flight=(0.2, 0.9), off=0.1),
     "skip": Footfall(0.3, flight=(0.02, 0.8), off=0.12),
 }
 """By `teacher.gait`. Minetti 1998, Proc. R. Soc. B 265, for the skip; a run may have no flight where it is slow."""

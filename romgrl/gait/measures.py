@@ -152,6 +152,11 @@ MEASURES = {
     "largest_error_over_variance": Measure(
         "error over variance, worst channel", better="lower", meaning="the same for the channel where it is largest"
     ),
+    "jumps": Measure("jumps", decimals=0),
+    "jump_apex_m": Measure("jump apex", "m", meaning="highest body in a flight over its height on straight legs"),
+    "jump_apex_error_m": Measure(
+        "jump apex error", "m", better="lower", meaning="mean distance of the apexes from the one asked for"
+    ),
     "phase_lag_s": Measure(
         "phase lag",
         "s",

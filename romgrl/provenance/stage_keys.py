@@ -44,7 +44,7 @@ def stage_settings(stage: str, config: Config) -> dict[str, Any]:
         nested = hasattr(value, "__dataclass_fields__")
         settings |= {f"{key}.{name}": item for name, item in asdict(value).items()} if nested else {key: value}
     if stage in ("teacher", "library"):  # of a range, both are the same whichever of it is asked for later
-        for name, of in (("speed", "speeds"), ("stiffness_share", "stiffness_shares")):
+        for name, of in (("speed", "speeds"), ("stiffness_share", "stiffness_shares"), ("apex", "apexes")):
             if settings[f"teacher.{of}"] is not None:
                 del settings[f"teacher.{name}"]
     if stage == "student" and not config.discriminator.enabled:

@@ -99,6 +99,19 @@ HOP = GaitClock(
         spread=0.3,
     ),
 )
+JUMP = GaitClock(
+    rate=0.33,  # 1.1 jumps/s, of 0.3 m
+    stance_knots=(0.0, 0.12, 0.24, 0.36, 0.5),
+    swing_knots=(0.4, 0.7, 1.0, 1.15),
+    parts=parts(
+        torque=(0.0, 0.0, 0.0, 0.0, 0.0),
+        drive=(-0.2, -0.3, 0.3, 0.8, 0.8),
+        angle=(0.0, 0.0, 0.0, 0.0),
+        swing_drive=(0.0, 0.0, 0.3, 0.5),
+        placement=0.1,
+        spread=0.2,
+    ),
+)
 SKIP = GaitClock(
     rate=0.5,
     stance_knots=(0.0, 0.15, 0.3, 0.45),
@@ -112,5 +125,5 @@ SKIP = GaitClock(
         spread=0.4,
     ),
 )
-CLOCKS = {"run": RUN, "walk": WALK, "hop": HOP, "skip": SKIP}
+CLOCKS = {"run": RUN, "walk": WALK, "hop": HOP, "skip": SKIP, "jump": JUMP}
 """By `teacher.gait`."""

@@ -90,12 +90,19 @@ class Commands:
     """What is asked of each world: drawn for each episode, and anew after every `hold_steps` control steps.
 
     speed: range of the speed to be held, m/s; stiffness_share: range of the stiffness of both legs, share of the
-    parameter; hold_steps: 0 for one command an episode.
+    parameter; hold_steps: 0 for one command an episode; apex: range of the rise of a jump over a body that stands, m,
+    which legs with motors are told.
     """
 
     speed: tuple[float, float] = (4.0, 4.0)
     stiffness_share: tuple[float, float] = (1.0, 1.0)
     hold_steps: int = 0
+    apex: tuple[float, float] = (0.0, 0.0)
+
+
+def standing_height(parameters: SpringLegParameters) -> float:
+    """Height of the trunk on legs of their rest length, m, which the apex of a jump is measured from."""
+    return parameters.leg_length + parameters.foot_radius
 
 
 def core_parameters(
@@ -131,7 +138,8 @@ def core_parameters(
     if parameters.trunk_moment_limit is None:
         values["trunk_moment_limit"] = math.inf
     commands = speed if isinstance(speed, Commands) else Commands((speed, speed))
-    values |= {**span("speed", commands.speed), **span("stiffness_share", commands.stiffness_share)}
+    for name in ("speed", "stiffness_share", "apex"):
+        values |= span(name, getattr(commands, name))
     values |= {"command_steps": commands.hold_steps, "work_cost": work_cost}
     values |= {"leg_motor": isinstance(parameters, VariableLegParameters)}
     values |= {"control_frequency": control_frequency, "episode_steps": episode_steps, "alpha": alpha}

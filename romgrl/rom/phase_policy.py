@@ -43,7 +43,7 @@ class Span(NamedTuple):
 
 
 class PhasePolicy:
-    """Observations (N, 28) float32 of `romgrl.rom.observation.MOTOR_OBSERVATION_NAMES` -> actions (N, 4) in [-1, 1].
+    """Observations (N, 29) float32 of `romgrl.rom.observation.MOTOR_OBSERVATION_NAMES` -> actions (N, 4) in [-1, 1].
 
     parameters: (P,) for all worlds, or (N, P): those of the gait's clock in the middle of all spans, then for each span
     what they grow by from its middle to its high end.

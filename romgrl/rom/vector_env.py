@@ -213,7 +213,7 @@ class SpringLegVectorEnv(VectorEnv[Array, Array, Array]):
 
 
 class VariableLegVectorEnv(SpringLegVectorEnv):
-    """The same with a motor in series with each leg's spring: observation (N, 28), action (N, 4).
+    """The same with a motor in series with each leg's spring: observation (N, 29), action (N, 4).
 
     The last two actions are the drives of the left and the right motor, from -1, which shortens the rest length, to 1.
     """

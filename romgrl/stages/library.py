@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,8 @@ from romgrl.report.style import save
 from romgrl.runtime.stage_log import StageLog
 from romgrl.stages.rollouts.orbital_stability import teacher_multipliers
 from romgrl.stages.rollouts.teacher import roll_out_teacher
+from romgrl.stages.wiring.commands import has_range
+from romgrl.stages.wiring.jumps_asked import jumps_asked
 from romgrl.stages.wiring.rom import rom_parameters
 from romgrl.stages.wiring.teacher_strides import teacher_strides
 
@@ -35,6 +38,8 @@ Cell = dict[str, NDArray[Any]]
 
 LARGEST_SPEED_ERROR, LEAST_SPEED_LIMIT = 0.05, 0.05
 """A cell's reference holds its speed within this share of it, or within so many m/s where that is more."""
+LARGEST_APEX_ERROR = 0.03
+"""Mean distance of its jumps' apexes from the one asked for, m."""
 
 
 def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog) -> None:
@@ -71,21 +76,24 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
 
 
 def library_cells(config: Config) -> list[Config]:
-    """The configuration of each cell: speeds that are multiples of a step within the range, and each stiffness."""
-    teacher, step = config.teacher, config.library.speed_step
-    if teacher.speeds is None and teacher.stiffness_shares is None:
+    """The configuration of each cell: speeds and apexes that are multiples of a step within a range, each stiffness."""
+    teacher, asked = config.teacher, config.library
+    if not has_range(teacher):
         return [config]
-    speeds = [teacher.speed]
-    if teacher.speeds is not None:
-        low, high = teacher.speeds
-        first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
-        speeds = [number * step for number in range(first, last + 1)] or [low]
-    shares = [teacher.stiffness_share] if teacher.stiffness_shares is None else config.library.stiffness_shares
+    speeds = [teacher.speed] if teacher.speeds is None else multiples(teacher.speeds, asked.speed_step)
+    apexes = [teacher.apex] if teacher.apexes is None else multiples(teacher.apexes, asked.apex_step)
+    shares = [teacher.stiffness_share] if teacher.stiffness_shares is None else asked.stiffness_shares
     return [
-        replace(config, teacher=replace(teacher, speed=speed, stiffness_share=share))
-        for speed in speeds
-        for share in shares
+        replace(config, teacher=replace(teacher, speed=speed, apex=apex, stiffness_share=share))
+        for speed, apex, share in product(speeds, apexes, shares)
     ]
+
+
+def multiples(ends: Sequence[float], step: float) -> list[float]:
+    """Those of a step within a range; its lower end where there is none."""
+    low, high = ends
+    first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
+    return [round(number * step, 9) for number in range(first, last + 1)] or [low]
 
 
 def finished_cell(path: Path) -> Cell | None:
@@ -126,6 +134,13 @@ def check_speed(asked: float, held: float) -> None:
         raise ArtifactError(f"the reference holds {held:.2f} m/s: off by more than {limit:.2f}")
 
 
+def check_apexes(row: Mapping[str, float]) -> None:
+    """ArtifactError for jumps that miss the apex asked for, or none; row: with `romgrl.gait.jumps.JUMP_MEASURES`."""
+    if "jumps" in row and not row["jump_apex_error_m"] <= LARGEST_APEX_ERROR:
+        told = f"{row['jumps']:.0f} jumps, {row['jump_apex_error_m']:.3f} m from the apex that was asked for"
+        raise ArtifactError(f"the reference misses: {told}, limit {LARGEST_APEX_ERROR}")
+
+
 def cell_row(config: Config, gait: Gait, teacher: Path) -> dict[str, Any]:
     """A row of library.csv."""
     parameters, footfall = rom_parameters(config), FOOTFALLS[config.teacher.gait]
@@ -133,13 +148,16 @@ def cell_row(config: Config, gait: Gait, teacher: Path) -> dict[str, Any]:
         "gait": config.teacher.gait,
         "speed_m_per_s": config.teacher.speed,
         "stiffness_share": config.teacher.stiffness_share,
+        "apex_m": config.teacher.apex,
         "fit": True,
         "reason": "",
     }
     row |= describe(gait, target_speed=config.teacher.speed, mass=parameters.mass, hops=footfall.together)
+    row |= jumps_asked(config, gait, parameters)
     try:
         check_reference(gait, footfall)
         check_speed(config.teacher.speed, row["steady_speed_m_per_s"])
+        check_apexes(row)
     except ArtifactError as error:
         row |= {"fit": False, "reason": str(error)}
     weight = parameters.mass * GRAVITY

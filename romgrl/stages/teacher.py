@@ -16,6 +16,7 @@ from romgrl.stages.training.cmaes_teacher import train_by_cmaes
 from romgrl.stages.training.ppo_teacher import train_by_ppo
 from romgrl.stages.training.speed_check import STEADY, STEPS
 from romgrl.stages.wiring.commands import checked_tasks, name_of_task
+from romgrl.stages.wiring.jumps_asked import jumps_asked
 from romgrl.stages.wiring.rom import rom_env
 from romgrl.stages.wiring.seeds import TEACHER_GAIT_SEED
 from romgrl.stages.wiring.teacher_policy import read_teacher
@@ -38,6 +39,11 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
             f"left-right correlation {row['left_right_correlation']:.2f}, {row['stride_frequency_hz']:.2f} strides/s"
         )
         compared = human_bands.COMPARED_WITH.get(at.teacher.gait, ())
+        if at.teacher.apex:
+            log.message(
+                f"{told}{row['jumps']:.0f} jumps to {row['jump_apex_m']:.3f} m, "
+                f"{100 * row['jump_apex_error_m']:.1f} cm from what was asked"
+            )
         log.message(f"{told}{human_bands.human_verdict(row, at.teacher.speed, compared)}")
     write_gaits(output / "gait.csv", rows)
 
@@ -52,7 +58,8 @@ def gait_row(config: Config, directory: Path) -> dict[str, float]:
     gait = record(env, policy, steps=STEPS, seed=config.seed + TEACHER_GAIT_SEED, dt=env.dt)
     gait.valid[:, :-STEADY] = False
     hops = FOOTFALLS[config.teacher.gait].together
-    return describe(gait, target_speed=config.teacher.speed, mass=env.parameters.mass, hops=hops)
+    row = describe(gait, target_speed=config.teacher.speed, mass=env.parameters.mass, hops=hops)
+    return row | jumps_asked(config, gait, env.parameters)
 
 
 def write_gaits(path: Path, rows: Sequence[Mapping[str, object]]) -> None:

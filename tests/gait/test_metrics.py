@@ -5,6 +5,7 @@ import pytest
 
 from romgrl.gait import human_bands, metrics
 from romgrl.gait.features import BODY_Y, POWERS, Gait, GaitLoads
+from romgrl.gait.jumps import JUMP_MEASURES
 from romgrl.gait.load_metrics import LOAD_MEASURES
 from romgrl.gait.measures import MEASURES
 from tests.helpers.synthetic_gait import DT, run
@@ -188,7 +189,7 @@ def test_episodes_that_fall_early_are_described_whole() -> None:
 def test_every_number_has_a_row() -> None:
     """What `describe` and the evaluation say of a walker, what follows from it, and the bands."""
     derived = {"falls_percent", "stride_length_m", "phase_lag_s", "phase_lag_strides"}
-    derived |= {"error_over_variance", "largest_error_over_variance"}
+    derived |= {"error_over_variance", "largest_error_over_variance", *JUMP_MEASURES}
     features, _ = run(frequency=1.7)
     gait = Gait(features, np.ones(features.shape[:2], bool), np.zeros(len(features), bool), DT)
     assert set(metrics.describe(gait, target_speed=4.0)) | derived == MEASURES.keys()

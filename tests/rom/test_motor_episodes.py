@@ -16,23 +16,25 @@ from tests.rom.test_variable_leg import LENGTH, MASS, drives, each_engine
 @each_engine
 def test_commands_are_drawn_for_each_episode_and_while_it_lasts() -> None:
     span = {"speed_low": 1.0, "speed_high": 3.0, "stiffness_share_low": 0.7, "stiffness_share_high": 1.4}
+    span |= {"apex_low": 0.1, "apex_high": 0.5}
     unit = np.sqrt(GRAVITY * LENGTH)
     worlds = Worlds(core_parameters(command_steps=3, fall_height=0.0, **MOTOR | span), 100)
     worlds.batch.seed(4)
     worlds.batch.reset()
     worlds.batch.observe(worlds["observation"], worlds["features"], worlds["contact"])
-    seen = [worlds["observation"][:, [18, 26]].copy()]
+    seen = [worlds["observation"][:, [18, 26, 28]].copy()]
     for _ in range(9):
         worlds.step()
         fresh = ~(worlds["terminated"] | worlds["truncated"])
         asked = worlds["final_observation"][:, 18] * unit
         expected = np.exp(-np.abs(worlds["forward_velocity"] - asked))
         np.testing.assert_allclose(worlds["reward"][fresh], expected[fresh], rtol=1e-4)
-        seen.append(worlds["observation"][:, [18, 26]].copy())
+        seen.append(worlds["observation"][:, [18, 26, 28]].copy())
     changes = [bool((after != before).any()) for before, after in pairwise(seen)]
     assert changes == [False, False, True] * 3
-    speeds, shares = np.concatenate([s[:, 0] for s in seen[::3]]) * unit, np.concatenate([s[:, 1] for s in seen[::3]])
-    for values, low, high in ((speeds, 1.0, 3.0), (shares, 0.7, 1.4)):
+    commands = np.concatenate(seen[::3]) * [unit, 1.0, LENGTH]
+    assert np.abs(np.corrcoef(commands.T) - np.eye(3)).max() < 0.2  # drawn apart
+    for values, low, high in zip(commands.T, (1.0, 0.7, 0.1), (3.0, 1.4, 0.5), strict=True):
         assert low <= values.min() < low + 0.05 * (high - low)
         assert high >= values.max() > high - 0.05 * (high - low)
     state = worlds.batch.save()

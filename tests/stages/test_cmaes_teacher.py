@@ -17,12 +17,12 @@ from romgrl.config.teachers import CMAESTeacher
 from romgrl.errors import ArtifactError
 from romgrl.gait.footfall import FOOTFALLS
 from romgrl.rom.gait_clocks import CLOCKS, HOP, RUN
-from romgrl.rom.phase_policy import PhasePolicy, Span
+from romgrl.rom.phase_policy import COLUMNS, PhasePolicy, Span
 from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import reference, teacher
 from romgrl.stages.training import cmaes_teacher, speed_check
-from romgrl.stages.training.cycle_measures import TouchdownTimes, Tries
-from romgrl.stages.training.cycle_search import CycleSearch
+from romgrl.stages.training.cycle_measures import UNJUMPED, ApexErrors, TouchdownTimes, Tries
+from romgrl.stages.training.cycle_search import CycleSearch, Task
 from romgrl.stages.wiring.commands import checked_tasks
 from romgrl.stages.wiring.rom import rom_env
 from romgrl.stages.wiring.teacher_policy import load_phase_policy, save_phase_policy
@@ -37,7 +37,8 @@ def search_of(config: Config) -> CycleSearch:
     keys = config.teacher
     assert isinstance(keys, CMAESTeacher)
     worlds = {"num_envs": keys.population * keys.rollouts, "episode_steps": keys.search_steps + 1}
-    return CycleSearch(keys, [(at.teacher.speed, rom_env(at, **worlds)) for at in checked_tasks(config)], config.seed)
+    tasks = [Task(at.teacher.speed, at.teacher.apex, rom_env(at, **worlds)) for at in checked_tasks(config)]
+    return CycleSearch(keys, tasks, config.seed)
 
 
 def test_times_between_touchdowns() -> None:
@@ -76,7 +77,7 @@ def test_what_is_paid_ends_with_a_fall(compose_config: Composer) -> None:
 
 def test_what_a_gait_costs(compose_config: Composer) -> None:
     """A walk may not fly, a hop must; a limp and work have their price; something is always left."""
-    usual = Tries(*(np.full((1, 1, 1), value) for value in (1.0, 1.0, 0.08, 0.0, 0.0)))
+    usual = Tries(*(np.full((1, 1, 1), value) for value in (1.0, 1.0, 0.08, 0.0, 0.0, 0.0)))
     flown = usual._replace(flight=np.full((1, 1, 1), 0.22))
     for gait, rom, standing, flying in (("walk", "variable_walking", 1.0, 0.8), ("hop", "hopping", 0.9, 1.0)):
         search = search_of(compose_config(*SMALL, f"teacher.gait={gait}", f"rom={rom}", "teacher.flight_cost=1"))
@@ -107,15 +108,42 @@ def test_a_teacher_of_a_range_is_tried_at_all_that_is_checked(compose_config: Co
     """Its controllers follow the speed that is asked, in the unit that they see."""
     config = compose_config(*SMALL, "teacher.speeds=[3,5]", "teacher.stiffness_shares=[0.8,1.2]")
     search = search_of(config)
-    assert [speed for speed, _ in search.tasks] == [speed for speed in (3.0, 3.5, 4.0, 4.5, 5.0) for _ in range(2)]
+    assert [task.speed for task in search.tasks] == [speed for speed in (3.0, 3.5, 4.0, 4.5, 5.0) for _ in range(2)]
     assert [span.column for span in search.spans] == ["target_speed", "stiffness_share"]
     assert len(search.mean) == 3 * len(RUN.mean)
-    observation, _ = search.tasks[0][1].reset(seed=0)
+    observation, _ = search.tasks[0].env.reset(seed=0)
     assert observation[0, 18] == pytest.approx(search.spans[0].low)
     assert observation[0, 26] == pytest.approx(search.spans[1].low)
     tries = search.tries(np.array([search.mean] * 8), 40, seed=1)
     assert tries.upright.shape == (10, 8, 2)
     assert np.ptp(tries.speed.mean(axis=(1, 2))) > 0.1
+
+
+def test_apexes_of_whole_flights() -> None:
+    """World 0 jumps twice, 0.1 m too low and 0.2 too high; world 1 falls in its second flight; world 2 never lands."""
+    errors = ApexErrors(np.full(3, 1.3))
+    heights = np.array([[1.1, 1.2, 0.9, 1.4, 1.5, 1.0], [1.2, 1.3, 0.9, 1.2, 0.8, 0.7], [1.0, 1.1, 1.2, 1.3, 1.3, 1.3]])
+    flying = np.array([[1, 1, 0, 1, 1, 0], [1, 1, 0, 1, 1, 0], [1] * 6], bool)
+    counted = np.array([[1] * 6, [1, 1, 1, 1, 0, 0], [1] * 6], bool)
+    for height, flies, counts in zip(heights.T, flying.T, counted.T, strict=True):
+        errors.add(height.astype(np.float32), flies, counts)
+    np.testing.assert_allclose(errors.mean(), [0.15, 0.0, UNJUMPED], atol=1e-6)
+
+
+def test_a_jump_is_paid_by_its_apex(compose_config: Composer) -> None:
+    """Controllers of one number that jump to what they are asked for earn all; what no gait asks for costs nothing."""
+    jumping = search_of(compose_config(*SMALL, "teacher=jumping", "teacher.population=8"))
+    assert [task.apex for task in jumping.tasks] == pytest.approx([0.1, 0.2, 0.3, 0.4, 0.5])
+    assert [span.column for span in jumping.spans] == ["target_apex"]
+    observation, _ = jumping.tasks[-1].env.reset(seed=0)
+    assert observation[0, COLUMNS["target_apex"]] == pytest.approx(jumping.spans[0].high)
+    perfect = Tries(*(np.full((5, 8, 2), value) for value in (1.0, 0.0, 0.0, 0.5, 0.0, 0.0)))
+    assert jumping.paid(perfect) == pytest.approx(1.0)
+    assert jumping.paid(perfect._replace(apex_error=perfect.flight * 0.2)) == pytest.approx(np.exp(-1.0))
+    tried = jumping.tries(np.tile(jumping.mean, (8, 1)), 60, seed=1)
+    assert (np.diff(tried.apex_error.mean(axis=(1, 2))) != 0).all()  # the same controller, other apexes asked for
+    running = search_of(compose_config(*SMALL)).tries(np.array([RUN.mean] * 8), 80, seed=1)
+    assert running.apex_error.max() == 0.0
 
 
 @pytest.fixture
@@ -204,6 +232,16 @@ def test_a_whole_search_finds_a_run(compose_config: Composer, tmp_path: Path) ->
     assert row.steady_speed_m_per_s == pytest.approx(4.0, rel=0.03)
     assert row.left_right_correlation < -0.9
     assert 1.3 <= row.stride_frequency_hz <= 1.8
+
+
+@pytest.mark.slow
+def test_a_whole_search_finds_jumps(compose_config: Composer, tmp_path: Path) -> None:
+    """To what is asked for in the middle of its apexes."""
+    teacher.run(compose_config("teacher=jumping", "threads=1"), {}, tmp_path, SilentLog())
+    row = pd.read_csv(tmp_path / "gait.csv").iloc[2]
+    assert row.falls <= 5
+    assert row.jump_apex_m == pytest.approx(0.3, abs=0.03)
+    assert row.jump_apex_error_m < 0.04
 
 
 @pytest.mark.slow

@@ -14,7 +14,7 @@ from romgrl.rom.parameters import Commands
 from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import teacher
 from romgrl.stages.training import speed_check
-from romgrl.stages.training.speed_check import worst
+from romgrl.stages.training.speed_check import off, rank, worst
 from romgrl.stages.wiring.commands import GRID, asked, asked_in_training, checked_tasks, name_of_task
 from romgrl.stages.wiring.rom import rom_env
 from tests.conftest import Composer
@@ -36,6 +36,12 @@ def test_what_is_asked(compose_config: Composer, ranging: Config) -> None:
     assert asked_in_training(ranging) == Commands((2.0, 5.0), (0.7, 1.4), 90)
     soft = compose_config(*LEGS, "teacher.stiffness_share=0.8")
     assert asked(soft) == asked_in_training(soft) == Commands((4.0, 4.0), (0.8, 0.8))
+    jumping = compose_config("teacher=jumping", "threads=1")
+    assert asked(jumping) == Commands((0.0, 0.0), apex=(0.3, 0.3))
+    assert asked_in_training(jumping) == Commands((0.0, 0.0), apex=(0.1, 0.5))
+    assert [name_of_task(task) for task in checked_tasks(jumping)][::2] == [
+        f"teacher to {x} m" for x in (0.1, 0.3, 0.5)
+    ]
     tasks = checked_tasks(ranging)
     speeds, shares = np.array([(task.teacher.speed, task.teacher.stiffness_share) for task in tasks]).T
     assert sorted(set(speeds)) == np.linspace(2, 5, GRID).tolist()
@@ -61,6 +67,20 @@ def test_a_teacher_of_a_range_is_the_same_whatever_is_asked_of_it(compose_config
         one, other = (stage_settings(stage, compose_config(*RANGES, *more)) for more in ((), asked_for))
         assert (one == other) is same
     assert "teacher.speed" in stage_settings("teacher", compose_config(*LEGS))
+
+
+def test_an_apex_that_is_missed_counts_as_a_speed_does() -> None:
+    row = {
+        "falls": 0.0,
+        "speed_error_percent": 1.0,
+        "steady_speed_m_per_s": 0.01,
+        "jump_apex_error_m": 0.02,
+        "step": 1.0,
+    }
+    late, low, none = row | {"step": 2.0}, row | {"jump_apex_error_m": 0.06}, row | {"jump_apex_error_m": np.nan}
+    assert [off(each) for each in (row, low, none)] == pytest.approx([2 / 3, 2.0, np.inf])
+    assert sorted([none, low, row, late], key=rank) == [late, row, low, none]
+    assert worst([row, low, late])["jump_apex_error_m"] == 0.06
 
 
 def test_the_worst_of_a_range_counts() -> None:

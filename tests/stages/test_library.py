@@ -33,6 +33,8 @@ def test_cells_are_the_speeds_and_stiffnesses_that_a_teacher_has_learned(compose
     ranging = compose_config("teacher=variable_running", "teacher.speeds=[1.8,2.5]", "library.stiffness_shares=[0.7,1]")
     assert asked(ranging) == [(speed, share) for speed in (2.0, 2.25, 2.5) for share in (0.7, 1.0)]
     assert asked(compose_config("library.speed_step=0.5")) == [(4.0, 1.0)]
+    jumping = library_cells(compose_config("teacher=jumping", "library.apex_step=0.2"))
+    assert [(at.teacher.speed, at.teacher.apex) for at in jumping] == [(0.0, 0.2), (0.0, 0.4)]
     narrow = compose_config("teacher=variable_running", "teacher.speeds=[1.8,1.9]", "teacher.stiffness_shares=null")
     assert asked(narrow) == [(1.8, 1.0)]  # no multiple of the step lies within
 
@@ -50,6 +52,14 @@ def test_a_cell_holds_its_speed(asked: float, held: float) -> None:
     for wrong in (asked + 2 * (held - asked), float("nan")):
         with pytest.raises(ArtifactError, match=rf"holds {wrong:.2f} m/s: off by more than 0\.\d\d"):
             library.check_speed(asked, wrong)
+
+
+def test_a_cell_jumps_to_its_apex() -> None:
+    library.check_apexes({"jumps": 9.0, "jump_apex_error_m": 0.029})
+    library.check_apexes({"falls": 0.0})
+    for count, error in ((9.0, 0.031), (0.0, float("nan"))):
+        with pytest.raises(ArtifactError, match=f"misses: {count:.0f} jumps, .* limit 0.03"):
+            library.check_apexes({"jumps": count, "jump_apex_error_m": error})
 
 
 @pytest.fixture

@@ -71,14 +71,14 @@ class Agent:
 def checks(config: Config, output: Path, errors: list[float], monkeypatch: pytest.MonkeyPatch) -> SpeedChecks:
     """Checks that find one of `errors` after the other."""
     found = iter(errors)
-    monkeypatch.setattr(speed_check, "record", lambda *_, **__: None)
+    monkeypatch.setattr(speed_check, "record", lambda *_, **__: SimpleNamespace(valid=np.ones((8, 1000), bool)))
     monkeypatch.setattr(
         speed_check,
         "measure",
         lambda *_: {"falls": 0.0, "steady_speed_m_per_s": 4.0, "speed_error_percent": next(found)},
     )
-    env: Any = SimpleNamespace(num_envs=8, close=lambda: None, dt=1 / 30)
-    return SpeedChecks(100, config, [(4.0, env)], output, SilentLog(), due=500)
+    env: Any = SimpleNamespace(num_envs=8, close=lambda: None, dt=1 / 30, parameters=None)
+    return SpeedChecks(100, config, [(config, env)], output, SilentLog(), due=500)
 
 
 def test_second_half_at_intervals_and_the_best_is_kept(

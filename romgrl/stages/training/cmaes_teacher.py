@@ -11,7 +11,7 @@ import torch
 from romgrl.config.schema import Config
 from romgrl.config.teachers import CMAESTeacher
 from romgrl.runtime.stage_log import StageLog
-from romgrl.stages.training.cycle_search import SHORTER, CycleSearch
+from romgrl.stages.training.cycle_search import SHORTER, CycleSearch, Task
 from romgrl.stages.training.speed_check import SpeedChecks
 from romgrl.stages.wiring.commands import checked_tasks
 from romgrl.stages.wiring.rom import rom_env
@@ -41,7 +41,7 @@ def train_by_cmaes(config: Config, output: Path, log: StageLog) -> None:
     worlds, steps = teacher.population * teacher.rollouts, teacher.search_steps + 1
     with ExitStack() as stack:
         envs = [stack.enter_context(closing(rom_env(at, num_envs=worlds, episode_steps=steps))) for at in asked]
-        tasks = [(at.teacher.speed, env) for at, env in zip(asked, envs, strict=True)]
+        tasks = [Task(at.teacher.speed, at.teacher.apex, env) for at, env in zip(asked, envs, strict=True)]
         searches = [CycleSearch(teacher, tasks, config.seed + SEED_STEP * number) for number in range(teacher.scouts)]
         chosen = min(total, round(SCOUTED * total))
         for generation in range(1, total + 1):

@@ -8,23 +8,29 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from romgrl.gait.features import BODY_Y
+
 Array = NDArray[np.float64]
 
 SETTLED = 1 / 3
 """The share of a try before its speed counts; of a world that falls within it, the speed until then does."""
+UNJUMPED = 1.0
+"""Distance from the apex asked for of a world without a jump, m."""
 SHORTEST_GAP = 0.1
 """Touchdowns of both feet within it, s, are one where the feet come down together."""
 
 
 class Tries(NamedTuple):
     """What worlds came to, each (W,): share of the steps before a fall, mean speed once settled, m/s, deviation of the
-    times between touchdowns over their mean, share of the steps with no foot on the ground, positive power in W."""
+    times between touchdowns over their mean, share of the steps with no foot on the ground, positive power in W, mean
+    distance of the apexes of jumps from the one asked for, m."""
 
     upright: Array
     speed: Array
     limp: Array
     flight: Array
     power: Array
+    apex_error: Array
 
 
 @dataclass
@@ -69,12 +75,32 @@ class TouchdownTimes:
         return np.where(self.count >= 2, deviation / np.maximum(mean, 1e-9), 0.5)
 
 
+class ApexErrors:
+    """How far the tops of (N,) worlds' flights are from the body height asked for, m, as sums of whole flights."""
+
+    def __init__(self, asked: Array) -> None:
+        self.asked, self.top = asked, np.full(len(asked), -np.inf)
+        self.count, self.total = np.zeros(len(asked)), np.zeros(len(asked))
+
+    def add(self, height: NDArray[np.float32], flying: NDArray[np.bool_], counted: NDArray[np.bool_]) -> None:
+        """Take in a step; a flight that began before the first step counts from there."""
+        landed = counted & ~flying & np.isfinite(self.top)
+        self.count += landed
+        self.total += np.where(landed, np.abs(np.where(landed, self.top, 0.0) - self.asked), 0.0)
+        self.top = np.where(flying, np.maximum(self.top, height), -np.inf)
+
+    def mean(self) -> Array:
+        """Over the flights; UNJUMPED where there is none."""
+        return np.where(self.count > 0, self.total / np.maximum(self.count, 1.0), UNJUMPED)
+
+
 class TrySums:
     """Sums over the steps of a try of W worlds, each until it falls."""
 
-    def __init__(self, side: Array, phase: float, steps: int, dt: float) -> None:
+    def __init__(self, side: Array, phase: float, steps: int, dt: float, apex: Array) -> None:
+        """apex: height of the body that jumps are to reach (W,), m."""
         self.steps, self.dt, self.settled = steps, dt, int(SETTLED * steps)
-        self.times = TouchdownTimes.of(side, phase)
+        self.times, self.apexes = TouchdownTimes.of(side, phase), ApexErrors(apex)
         self.upright = np.ones(len(side), bool)
         self.lasted, self.travelled, self.flown, self.work = (np.zeros(len(side)) for _ in range(4))
         self.late = np.zeros((2, len(side)))  # steps once settled, and the speeds there
@@ -85,12 +111,14 @@ class TrySums:
         """Take in step `step`: side and age, s, of the last touchdown and what the worlds tell."""
         self.upright &= ~terminated
         self.lasted += self.upright
-        self.flown += self.upright & ~info["contact"].any(axis=1)
+        flying = np.asarray(~info["contact"].any(axis=1))
+        self.flown += self.upright & flying
         self.work += np.where(self.upright, info["positive_power"], 0.0)
         moved = np.where(self.upright, info["forward_velocity"], 0.0)
         self.travelled += moved
         if step >= self.settled:
             self.late += self.upright, moved
+            self.apexes.add(info["features"][:, BODY_Y], flying, self.upright)
         self.times.add(side, (step + 1) * self.dt - age, self.upright)
 
     def tries(self) -> Tries:
@@ -102,4 +130,5 @@ class TrySums:
             limp=self.times.spread(),
             flight=self.flown / lasted,
             power=self.work / lasted,
+            apex_error=self.apexes.mean(),
         )

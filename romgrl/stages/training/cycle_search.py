@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from cmaes import CMA
@@ -14,12 +15,20 @@ from romgrl.gait.footfall import FOOTFALLS
 from romgrl.gait.metrics import GRAVITY
 from romgrl.rom.gait_clocks import CLOCKS
 from romgrl.rom.interface import RomVectorEnv
+from romgrl.rom.parameters import standing_height
 from romgrl.rom.phase_policy import COLUMNS, PhasePolicy, Span
 from romgrl.stages.training.cycle_measures import Tries, TrySums
 
 Array = NDArray[np.float64]
-Task = tuple[float, RomVectorEnv]
-"""The speed that is asked for, m/s, and the worlds of it."""
+
+
+class Task(NamedTuple):
+    """A speed, m/s, and an apex of jumps over the standing height, m (0: none), and worlds that are asked for them."""
+
+    speed: float
+    apex: float
+    env: RomVectorEnv
+
 
 LIMP_FREE = 0.08
 """Deviation of the times between touchdowns, share of their mean, that costs nothing."""
@@ -41,10 +50,11 @@ class CycleSearch:
 
     def __init__(self, teacher: CMAESTeacher, tasks: Sequence[Task], seed: int) -> None:
         self.teacher, self.tasks, self.seed = teacher, tasks, seed
-        clock, parameters = CLOCKS[teacher.gait], tasks[0][1].parameters
+        clock, parameters = CLOCKS[teacher.gait], tasks[0].env.parameters
         self.speed_unit = float(np.sqrt(GRAVITY * parameters.leg_length))
         self.power_unit = parameters.mass * GRAVITY * self.speed_unit
-        self.spans = spans_of(teacher, self.speed_unit)
+        self.standing = standing_height(parameters)
+        self.spans = spans_of(teacher, self.speed_unit, parameters.leg_length)
         self.mean = np.concatenate([clock.mean, *(np.zeros(len(clock.mean)) for _ in self.spans)])
         self.deviation = np.concatenate([clock.deviation, *(SLOPE * clock.deviation for _ in self.spans)])
         self.cma = CMA(
@@ -80,9 +90,10 @@ class CycleSearch:
         return np.asarray(1.0 - (self.paid(tries) * self.kept(tries)).mean(axis=(0, 2)))
 
     def paid(self, tries: Tries) -> Array:
-        """What worlds earn by their mean speed, the less the sooner they fall."""
-        asked = np.array([speed for speed, _ in self.tasks])[:, None, None]
-        return np.asarray(tries.upright * np.exp(-self.teacher.alpha * np.abs(tries.speed - asked)))
+        """What worlds earn by their mean speed, and by their apexes where they jump, the less the sooner they fall."""
+        asked = np.array([task.speed for task in self.tasks])[:, None, None]
+        off = self.teacher.alpha * np.abs(tries.speed - asked) + self.teacher.apex_alpha * tries.apex_error
+        return np.asarray(tries.upright * np.exp(-off))
 
     def kept(self, tries: Tries) -> Array:
         """Which share of it they keep: what they limp, fly too much or too little for the gait, and work, costs."""
@@ -99,23 +110,26 @@ class CycleSearch:
         """
         policy = self.policy(np.tile(np.repeat(parameters, self.teacher.rollouts, axis=0), (len(self.tasks), 1)))
         worlds = len(parameters) * self.teacher.rollouts
-        observation = np.concatenate([env.reset(seed=seed)[0] for _, env in self.tasks])
+        observation = np.concatenate([task.env.reset(seed=seed)[0] for task in self.tasks])
         side, age = COLUMNS["last_touchdown_side"], COLUMNS["time_since_touchdown"]
-        dt, second = self.tasks[0][1].dt, self.speed_unit / GRAVITY
-        sums = TrySums(observation[:, side], FOOTFALLS[self.teacher.gait].phase, steps, dt)
+        dt, second = self.tasks[0].env.dt, self.speed_unit / GRAVITY
+        apex = self.standing + np.repeat([task.apex for task in self.tasks], worlds)
+        sums = TrySums(observation[:, side], FOOTFALLS[self.teacher.gait].phase, steps, dt, apex)
         terminated = np.zeros(len(observation), bool)
-        told = ("contact", "positive_power", "forward_velocity")
+        told = ("contact", "positive_power", "forward_velocity", "features")
         for step in range(steps):
             action, infos = policy(observation), []
-            for place, (_, env) in enumerate(self.tasks):
+            for place, task in enumerate(self.tasks):
                 rows = slice(place * worlds, (place + 1) * worlds)
-                observation[rows], _, terminated[rows], _, info = env.step(action[rows])
+                observation[rows], _, terminated[rows], _, info = task.env.step(action[rows])
                 check_physics(info["diverged"])
                 infos.append(info)
             info = {name: np.concatenate([each[name] for each in infos]) for name in told}
             sums.add(step, observation[:, side], observation[:, age] * second, terminated, info)
         shape = len(self.tasks), len(parameters), self.teacher.rollouts
-        return Tries(*(values.reshape(shape) for values in sums.tries()))
+        done = Tries(*(values.reshape(shape) for values in sums.tries()))
+        jumping = np.array([task.apex > 0 for task in self.tasks])[:, None, None]
+        return done._replace(apex_error=done.apex_error * jumping)
 
     def policy(self, parameters: Array) -> PhasePolicy:
         """Controllers of these parameters, (P,) or (N, P)."""
@@ -134,12 +148,15 @@ class CycleSearch:
         self.best = np.asarray(parameters, float)
 
 
-def spans_of(teacher: CMAESTeacher, speed_unit: float) -> list[Span]:
-    """What the controllers of a teacher follow; speed_unit: of the observation, m/s."""
+def spans_of(teacher: CMAESTeacher, speed_unit: float, leg_length: float) -> list[Span]:
+    """What the controllers of a teacher follow; speed_unit and leg_length, m/s and m: units of the observation."""
     spans = []
     if teacher.speeds is not None:
         low, high = teacher.speeds
         spans.append(Span("target_speed", low / speed_unit, high / speed_unit))
     if teacher.stiffness_shares is not None:
         spans.append(Span("stiffness_share", *teacher.stiffness_shares))
+    if teacher.apexes is not None:
+        least, most = teacher.apexes
+        spans.append(Span("target_apex", least / leg_length, most / leg_length))
     return [span for span in spans if span.high > span.low]

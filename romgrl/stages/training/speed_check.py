@@ -1,4 +1,4 @@
-"""How fast a teacher is in the long run while it learns: rolled out at intervals without exploration."""
+"""How fast a teacher is in the long run while it learns, and how high it jumps: rolled out without exploration."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from romgrl.gait.recording import Policy, record
 from romgrl.rom.interface import RomVectorEnv
 from romgrl.runtime.stage_log import StageLog
 from romgrl.stages.wiring.commands import checked_tasks
+from romgrl.stages.wiring.jumps_asked import jumps_asked
 from romgrl.stages.wiring.rom import rom_env
 from romgrl.stages.wiring.seeds import CHECK_SEED
 
@@ -29,6 +30,8 @@ FROM = 0.5
 """Share of the training from which policies are checked."""
 SPEED = 3.0
 """A policy holds its speed within so many percent."""
+APEX = 0.03
+"""And the apex of its jumps within so many m."""
 FILE = "checks.csv"
 
 
@@ -52,13 +55,13 @@ class Checked(Protocol):
 class SpeedChecks:
     """Checks of the mean policy every `interval` steps (0: none), over the second half of a training.
 
-    The policy that is kept falls least, then is nearest to the asked speed (within SPEED all are), then is the last.
-    worlds: by the speed that they are asked for, m/s, where a teacher of a range counts by its worst.
+    The policy that is kept falls least, then is nearest to what is asked (within SPEED and APEX all are), then is the
+    last. worlds: by the configuration that says what they are asked for; a teacher of a range counts by its worst.
     """
 
     interval: int
     config: Config
-    worlds: list[tuple[float, RomVectorEnv]]
+    worlds: list[tuple[Config, RomVectorEnv]]
     output: Path
     log: StageLog
     rows: list[dict[str, float]] = field(default_factory=list)
@@ -75,7 +78,7 @@ class SpeedChecks:
         episodes: of each check; WORLDS where nothing is said.
         """
         worlds = [
-            (at.teacher.speed, rom_env(at, num_envs=episodes or WORLDS, episode_steps=STEPS + 1))
+            (at, rom_env(at, num_envs=episodes or WORLDS, episode_steps=STEPS + 1))
             for at in (checked_tasks(config) if interval else ())
         ]
         return cls(interval, config, worlds, output, log, due=round(FROM * total))
@@ -86,10 +89,12 @@ class SpeedChecks:
             return
         self.due = step + self.interval
         seed, policy = self.config.seed + CHECK_SEED, learner.mean_policy()
-        measured = [
-            {"asked_m_per_s": speed} | measure(record(env, policy, steps=STEPS, seed=seed, dt=env.dt), speed)
-            for speed, env in self.worlds
-        ]
+        measured = []
+        for at, env in self.worlds:
+            gait = record(env, policy, steps=STEPS, seed=seed, dt=env.dt)
+            row = {"asked_m_per_s": at.teacher.speed} | measure(gait, at.teacher.speed)
+            gait.valid[:, :-STEADY] = False
+            measured.append(row | jumps_asked(at, gait, env.parameters))
         row = {"step": float(step)} | worst(measured)
         self.rows.append(row)
         if min(self.rows, key=rank) is row:
@@ -135,11 +140,16 @@ def measure(gait: Gait, speed: float) -> dict[str, float]:
 
 def worst(rows: Sequence[Mapping[str, float]]) -> dict[str, float]:
     """Falls of all, and the speed that is furthest from what was asked: where none runs, that counts as furthest."""
-    furthest = max(rows, key=lambda row: np.nan_to_num(abs(row["speed_error_percent"]), nan=np.inf))
+    furthest = max(rows, key=off)
     return {**furthest, "falls": sum(row["falls"] for row in rows)}
 
 
 def rank(row: Mapping[str, float]) -> tuple[float, float, float]:
     """Less is better."""
-    error = abs(row["speed_error_percent"])
-    return row["falls"], max(error, SPEED) if np.isfinite(error) else np.inf, -row["step"]
+    return row["falls"], max(off(row), 1.0), -row["step"]
+
+
+def off(row: Mapping[str, float]) -> float:
+    """How many times as far as it may be a gait is from the speed asked for, or from the apex; infinite: none is."""
+    errors = abs(row["speed_error_percent"]) / SPEED, row.get("jump_apex_error_m", 0.0) / APEX
+    return float(np.nan_to_num(errors, nan=np.inf).max())

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 
 from romgrl.config.schema import Config
+from romgrl.config.teachers import Teacher
 from romgrl.rom.parameters import Commands
 
-GRID = 5  # speeds at which a teacher of a range is checked, its ends among them
+GRID = 5  # speeds or apexes at which a teacher of a range is checked, its ends among them
 
 Asked = float | Commands
 
@@ -17,38 +20,51 @@ Asked = float | Commands
 def asked(config: Config) -> Asked:
     """What the configuration asks of a trained teacher."""
     teacher = config.teacher
-    if teacher.stiffness_share == 1.0:
+    if teacher.stiffness_share == 1.0 and teacher.apex == 0.0:
         return teacher.speed
-    return Commands((teacher.speed, teacher.speed), (teacher.stiffness_share, teacher.stiffness_share))
+    speed, share, apex = ((value, value) for value in (teacher.speed, teacher.stiffness_share, teacher.apex))
+    return Commands(speed, share, apex=apex)
 
 
 def asked_in_training(config: Config) -> Asked:
     """What worlds are asked for while the teacher learns."""
     teacher = config.teacher
-    if teacher.speeds is None and teacher.stiffness_shares is None:
+    if not has_range(teacher):
         return asked(config)
     low, high = teacher.speeds or (teacher.speed, teacher.speed)
     soft, stiff = teacher.stiffness_shares or (teacher.stiffness_share, teacher.stiffness_share)
-    return Commands((low, high), (soft, stiff), teacher.command_steps)
+    least, most = teacher.apexes or (teacher.apex, teacher.apex)
+    return Commands((low, high), (soft, stiff), teacher.command_steps, (least, most))
+
+
+def has_range(teacher: Teacher) -> bool:
+    """Whether it learns to follow more than one command."""
+    return any(ends is not None for ends in (teacher.speeds, teacher.stiffness_shares, teacher.apexes))
 
 
 def checked_tasks(config: Config) -> list[Config]:
-    """The configurations at which a teacher is checked: its own, or one for each of GRID speeds and each stiffness."""
+    """The configurations at which a teacher is checked: its own, or each of GRID speeds and apexes by stiffness."""
     teacher = config.teacher
-    if teacher.speeds is None and teacher.stiffness_shares is None:
+    if not has_range(teacher):
         return [config]
-    low, high = teacher.speeds or (teacher.speed, teacher.speed)
-    speeds = dict.fromkeys(np.linspace(low, high, GRID).tolist())
+    speeds = grid(teacher.speeds or (teacher.speed, teacher.speed))
+    apexes = grid(teacher.apexes or (teacher.apex, teacher.apex))
     shares = sorted({*(teacher.stiffness_shares or [teacher.stiffness_share])})
     return [
-        replace(config, teacher=replace(teacher, speed=speed, stiffness_share=share))
-        for speed in speeds
-        for share in shares
+        replace(config, teacher=replace(teacher, speed=speed, stiffness_share=share, apex=apex))
+        for speed, apex, share in product(speeds, apexes, shares)
     ]
+
+
+def grid(ends: Sequence[float]) -> list[float]:
+    """GRID values between two ends, or the one that both are."""
+    low, high = ends
+    return [*dict.fromkeys(np.linspace(low, high, GRID).tolist())]
 
 
 def name_of_task(config: Config) -> str:
     """What a teacher is called at the speed and stiffness of a configuration, where it can follow others, too."""
     teacher = config.teacher
     name = "teacher" if teacher.speeds is None else f"teacher at {teacher.speed:g} m/s"
+    name += "" if teacher.apexes is None else f" to {teacher.apex:g} m"
     return name if teacher.stiffness_shares is None else f"{name}, stiffness x {teacher.stiffness_share:g}"
