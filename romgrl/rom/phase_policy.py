@@ -14,6 +14,7 @@ Raibert 1986, Legged Robots That Balance, for the placement.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -31,6 +32,8 @@ LATE = 0.25
 """The clock of the leg that landed last stops so many cycles after the other one should have landed."""
 STIFFNESS, DAMPING = 1.5, 0.27
 """Shares of the largest torque per rad and per sqrt(g / L0): what exponents of 0 stand for."""
+LEG_COLUMNS = ("load", "hip_angle", "hip_rate")
+SIDES = np.array([[1.0], [-1.0]], np.float32)  # of the last touchdown, left and right
 COLUMNS = {name: MOTOR_OBSERVATION_NAMES.index(name) for name in MOTOR_OBSERVATION_NAMES}
 
 
@@ -57,11 +60,9 @@ class PhasePolicy:
         self._stance, self._swing = np.array(self.clock.stance_knots), np.array(self.clock.swing_knots)
         self._ends = np.cumsum([len(values) for _, values, _ in self.clock.parts])[:-1]
         phase = FOOTFALLS[gait].phase
-        self._ahead = (phase, (1.0 - phase) % 1.0)  # of left and right leg, where the other one landed last
+        self._ahead = np.array([[phase], [(1.0 - phase) % 1.0]])  # of left and right leg, where the other landed last
         self._latest = max(phase, 1.0 - phase) + LATE
-        self._legs = [
-            tuple(COLUMNS[f"{side}_{name}"] for name in ("load", "hip_angle", "hip_rate")) for side in ("left", "right")
-        ]
+        self._legs = [[COLUMNS[f"{side}_{name}"] for side in ("left", "right")] for name in LEG_COLUMNS]
 
     def parts_for(self, observation: NDArray[np.float32]) -> dict[str, Array]:
         """The parameters of the worlds (N or 1, k) by their part, for what is asked of them."""
@@ -74,29 +75,34 @@ class PhasePolicy:
         return dict(zip(names, np.split(own, self._ends, axis=1), strict=True))
 
     def __call__(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
-        of = self.parts_for(observation)
+        of, columns = self.parts_for(observation), COLUMNS
         rate = self.clock.rate * np.exp(of["log_rate"][:, 0])
-        age = np.minimum(observation[:, COLUMNS["time_since_touchdown"]] * rate, self._latest)
-        too_fast = observation[:, COLUMNS["forward_velocity"]] - observation[:, COLUMNS["target_speed"]]
+        age = np.minimum(observation[:, columns["time_since_touchdown"]] * rate, self._latest)
+        too_fast = observation[:, columns["forward_velocity"]] - observation[:, columns["target_speed"]]
         stiffness = STIFFNESS * np.exp(of["log_stiffness"][:, 0])
         damping = DAMPING * np.exp(of["log_damping"][:, 0])
         pushed, placed = of["push"][:, 0] * too_fast, of["placement"][:, 0] * too_fast
+        load, angle, hip_rate = (observation[:, places].T for places in self._legs)  # (2, N)
+        last = observation[:, columns["last_touchdown_side"]] * SIDES > 0
+        clock = np.where(last, age, age + self._ahead)
+        loaded = (load > 0) | (clock < LANDING)
+        standing, swinging = shares(clock, self._stance), shares(clock, self._swing)
+        aim = between(swinging, of["swing_angle"]) + placed
+        swing = stiffness * (aim - angle) - damping * hip_rate
+        stance = between(standing, of["stance_torque"]) + pushed
         action = np.empty((len(observation), 4), np.float32)
-        for leg, (load, angle, hip_rate) in enumerate(self._legs):
-            last = observation[:, COLUMNS["last_touchdown_side"]] * (1 - 2 * leg) > 0
-            clock = np.where(last, age, age + self._ahead[leg])
-            loaded = (observation[:, load] > 0) | (clock < LANDING)
-            aim = between(clock, self._swing, of["swing_angle"]) + placed
-            swing = stiffness * (aim - observation[:, angle]) - damping * observation[:, hip_rate]
-            stance = between(clock, self._stance, of["stance_torque"]) + pushed
-            action[:, leg] = np.where(loaded, stance, swing)
-            action[:, 2 + leg] = np.where(
-                loaded, between(clock, self._stance, of["stance_drive"]), between(clock, self._swing, of["swing_drive"])
-            )
+        action[:, :2] = np.where(loaded, stance, swing).T
+        drives = between(standing, of["stance_drive"]), between(swinging, of["swing_drive"])
+        action[:, 2:] = np.where(loaded, *drives).T
         return np.clip(action, -1.0, 1.0, out=action)
 
 
-def between(clock: Array, knots: Array, values: Array) -> Array:
-    """Linear between knots (K,), the ends beyond them. clock (N,), values (N, K) or (1, K) -> (N,)."""
-    passed = np.clip((clock[:, None] - knots[:-1]) / np.diff(knots), 0.0, 1.0)
-    return np.asarray(values[:, 0] + (passed * np.diff(values, axis=1)).sum(axis=1))
+def shares(clock: Array, knots: Array) -> list[Array]:
+    """How much of the way between two knots has passed, for each pair of knots (K,): arrays of the shape of clock."""
+    return [np.clip((clock - start) / (stop - start), 0.0, 1.0) for start, stop in pairwise(knots)]
+
+
+def between(passed: Sequence[Array], values: Array) -> Array:
+    """Linear between knots, the ends beyond them. passed: of `shares` (2, N), values (N, K) or (1, K) -> (2, N)."""
+    risen = (share * (after - before) for share, (before, after) in zip(passed, pairwise(values.T), strict=True))
+    return np.asarray(values[:, 0] + sum(risen))
