@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +21,7 @@ from romgrl.gait.footfall import FOOTFALLS
 from romgrl.gait.load_metrics import force_valley, net_extension, peak_force
 from romgrl.gait.metrics import GRAVITY, describe
 from romgrl.gait.reference_check import check_reference
+from romgrl.provenance.library_grid import library_cells
 from romgrl.report.gait_atlas import gait_atlas
 from romgrl.report.page.library_page import write_library_page
 from romgrl.report.style import save
@@ -68,24 +68,6 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
         output / "report.html", table, library, foot_radius=radius, teacher=f"{how}, artifact {inputs['teacher'].name}"
     )
     log.message(f"{int(table.fit.sum())} of {len(table)} cells are fit to be imitated")
-
-
-def library_cells(config: Config) -> list[Config]:
-    """The configuration of each cell: speeds that are multiples of a step within the range, and each stiffness."""
-    teacher, step = config.teacher, config.library.speed_step
-    if teacher.speeds is None and teacher.stiffness_shares is None:
-        return [config]
-    speeds = [teacher.speed]
-    if teacher.speeds is not None:
-        low, high = teacher.speeds
-        first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
-        speeds = [number * step for number in range(first, last + 1)] or [low]
-    shares = [teacher.stiffness_share] if teacher.stiffness_shares is None else config.library.stiffness_shares
-    return [
-        replace(config, teacher=replace(teacher, speed=speed, stiffness_share=share))
-        for speed in speeds
-        for share in shares
-    ]
 
 
 def finished_cell(path: Path) -> Cell | None:

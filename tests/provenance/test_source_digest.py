@@ -123,6 +123,7 @@ EDITED = {
     "artifacts/locks.py": set(),
     "provenance/stage_keys.py": set(),
     "provenance/stage_graph.py": set(),
+    "provenance/library_grid.py": {"library"},
     "tracking/recorder.py": set(),
     "tracking/sending/store.py": set(),
     "rom/vector_env.py": ROM_RUNS | {"report"},
