@@ -16,6 +16,7 @@ from omegaconf import OmegaConf
 
 from romgrl.cli.config_files import CONF
 from romgrl.cli.locations import is_file, is_readable, outputs_directory, tracking_store
+from romgrl.cli.other_libraries import OTHER_LIBRARIES_KEYS, other_libraries
 from romgrl.cli.reduced_order_models import ROM_KEYS, reduced_order_model
 from romgrl.cli.teacher_ranges import RANGE_CHECKS
 from romgrl.config.learners import CRITICS
@@ -275,6 +276,7 @@ CHECKS: tuple[tuple[tuple[str, ...], Callable[[Config], Iterator[str]]], ...] = 
     (("teacher.num_envs", "teacher.rollout_steps", "teacher.minibatch_size"), rollout),
     (("teacher.segment_steps", "teacher.rollout_steps"), segment_within_rollout),
     *RANGE_CHECKS,
+    (OTHER_LIBRARIES_KEYS, other_libraries),
     (REPLAY, replay_buffer),
     (("student.policy_updates", "student.simultaneous"), policy_updates),
     (COMPARED, comparison),

@@ -70,6 +70,10 @@ class Library:
         "stiffness of the legs, where the teacher has learned a range of it, shares of rom.stiffness", low=0.1, high=10
     )
     orbit_worlds: int = key("models whose strides give the Floquet multipliers of a cell", low=2, high=10_000)
+    others: list[str] | None = key(
+        "directories of finished libraries, such as those of other gaits, whose cells are joined with this one's",
+        before=None,
+    )
 
 
 @dataclass

@@ -78,6 +78,11 @@ class Teacher:
     pretrained: bool = key("true: nothing is trained; the teacher that ships with the package is taken")
 
 
+def has_range(teacher: Teacher) -> bool:
+    """Whether it learns to follow more than one command."""
+    return any(ends is not None for ends in (teacher.speeds, teacher.stiffness_shares, teacher.apexes))
+
+
 @dataclass
 class PPOTeacher(Teacher):
     """PPO on the reduced-order model (paper section 3.2)."""

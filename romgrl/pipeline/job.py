@@ -31,7 +31,14 @@ from romgrl.errors import ArtifactError, RomgrlError
 from romgrl.pipeline.run_names import stage_note, stage_title
 from romgrl.pipeline.worker import Runner, working_lock
 from romgrl.provenance.stage_graph import STAGES
-from romgrl.provenance.stage_keys import require_same_body, stage_config, stage_function, stage_key, stage_settings
+from romgrl.provenance.stage_keys import (
+    require_same_body,
+    require_same_libraries,
+    stage_config,
+    stage_function,
+    stage_key,
+    stage_settings,
+)
 from romgrl.provenance.versions import git_state, versions
 from romgrl.report.terminal_tables import headline
 from romgrl.runtime.stage_log import TerminalLog, format_duration
@@ -188,6 +195,7 @@ class Job:
             wall_time = workspace.seconds + time.monotonic() - start
             workspace.clear_checkpoint()
             require_same_body(self.config)
+            require_same_libraries(self.config, settings)
             revision, dirty = git_state()
             manifest = write_manifest(
                 workspace.partial,

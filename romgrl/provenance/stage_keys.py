@@ -7,8 +7,10 @@ import json
 from collections.abc import Mapping
 from dataclasses import asdict, replace
 from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
+from romgrl.artifacts import read_manifest
 from romgrl.config.schema import Config
 from romgrl.config.values import value_of
 from romgrl.config.worlds import Humanoid
@@ -47,6 +49,8 @@ def stage_settings(stage: str, config: Config) -> dict[str, Any]:
         for name, of in (("speed", "speeds"), ("stiffness_share", "stiffness_shares"), ("apex", "apexes")):
             if settings[f"teacher.{of}"] is not None:
                 del settings[f"teacher.{name}"]
+    if settings.get("library.others") is not None:
+        settings["library.others"] = libraries_read(config)
     if stage == "student" and not config.discriminator.enabled:
         settings = {name: value for name, value in settings.items() if not name.startswith("discriminator.")}
         settings["discriminator.enabled"] = False
@@ -54,6 +58,12 @@ def stage_settings(stage: str, config: Config) -> dict[str, Any]:
         del settings["humanoid.xml"]
         settings |= body_settings(stage, config)
     return {name: settings[name] for name in sorted(settings.keys() - set(NAME_KEYS))}
+
+
+def libraries_read(config: Config) -> list[str]:
+    """Key and digest of each library that is joined with this one; places do not count. Raises ArtifactError."""
+    manifests = [read_manifest(Path(place)) for place in config.library.others or ()]
+    return [f"{manifest.key} sha256:{manifest.digest}" for manifest in manifests]
 
 
 def body_settings(stage: str, config: Config) -> dict[str, Any]:
@@ -86,6 +96,12 @@ def require_same_body(config: Config) -> None:
     humanoid = json.dumps(asdict(config.humanoid))
     if config.humanoid.xml is not None and body_digests.__wrapped__(humanoid) != body_digests(humanoid):
         raise ArtifactError(f"{config.humanoid.xml}: the model changed while the job ran; the same command starts anew")
+
+
+def require_same_libraries(config: Config, settings: Mapping[str, Any]) -> None:
+    """Raise ArtifactError where a library is not what it was when the settings of the joined one were made."""
+    if settings.get("library.others") is not None and settings["library.others"] != libraries_read(config):
+        raise ArtifactError("library.others: a library changed while the job ran; the same command starts anew")
 
 
 def pretrained_settings(stage: str) -> dict[str, Any]:

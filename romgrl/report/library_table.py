@@ -33,13 +33,17 @@ def library_tables(library: Path) -> list[Table]:
     if not rows:
         return []
     table = Table(title="Library", title_justify="left")
+    several = len({row["gait"] for row in rows}) > 1
+    if several:
+        table.add_column("gait")
     for label in SHOWN.values():
         table.add_column(label, justify="right")
     table.add_column("fit")
     for row in rows:
         values = [significant(number(row[name])) if name in row else UNKNOWN for name in SHOWN]
         numbers = {name: number(value) for name, value in row.items()}
-        table.add_row(*values, said_of(row["fit"] == "True", row["reason"], numbers, row["gait"]))
+        of_gait = [row["gait"]] if several else []
+        table.add_row(*of_gait, *values, said_of(row["fit"] == "True", row["reason"], numbers, row["gait"]))
     return [table]
 
 

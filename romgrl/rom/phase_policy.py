@@ -86,7 +86,7 @@ class PhasePolicy:
         last = observation[:, columns["last_touchdown_side"]] * SIDES > 0
         clock = np.where(last, age, age + self._ahead)
         loaded = (load > 0) | (clock < LANDING)
-        standing, swinging = shares(clock, self._stance), shares(clock, self._swing)
+        standing, swinging = knot_shares(clock, self._stance), knot_shares(clock, self._swing)
         aim = between(swinging, of["swing_angle"]) + placed
         swing = stiffness * (aim - angle) - damping * hip_rate
         stance = between(standing, of["stance_torque"]) + pushed
@@ -97,12 +97,12 @@ class PhasePolicy:
         return np.clip(action, -1.0, 1.0, out=action)
 
 
-def shares(clock: Array, knots: Array) -> list[Array]:
+def knot_shares(clock: Array, knots: Array) -> list[Array]:
     """How much of the way between two knots has passed, for each pair of knots (K,): arrays of the shape of clock."""
     return [np.clip((clock - start) / (stop - start), 0.0, 1.0) for start, stop in pairwise(knots)]
 
 
 def between(passed: Sequence[Array], values: Array) -> Array:
-    """Linear between knots, the ends beyond them. passed: of `shares` (2, N), values (N, K) or (1, K) -> (2, N)."""
+    """Linear between knots, the ends beyond them. passed: of `knot_shares` (2, N), values (N, K) or (1, K) -> (2, N)."""
     risen = (share * (after - before) for share, (before, after) in zip(passed, pairwise(values.T), strict=True))
     return np.asarray(values[:, 0] + sum(risen))

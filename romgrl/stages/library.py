@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from itertools import product
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -23,13 +21,14 @@ from romgrl.gait.footfall import FOOTFALLS
 from romgrl.gait.load_metrics import force_valley, net_extension, peak_force
 from romgrl.gait.metrics import GRAVITY, describe
 from romgrl.gait.reference_check import check_reference
+from romgrl.provenance.library_grid import library_cells
+from romgrl.report.finished_library import FinishedLibrary, joined_library, read_library
 from romgrl.report.gait_atlas import gait_atlas
 from romgrl.report.page.library_page import write_library_page
 from romgrl.report.style import save
 from romgrl.runtime.stage_log import StageLog
 from romgrl.stages.rollouts.orbital_stability import teacher_multipliers
 from romgrl.stages.rollouts.teacher import roll_out_teacher
-from romgrl.stages.wiring.commands import has_range
 from romgrl.stages.wiring.jumps_asked import jumps_asked
 from romgrl.stages.wiring.rom import rom_parameters
 from romgrl.stages.wiring.teacher_strides import teacher_strides
@@ -46,8 +45,11 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
     """Write library.csv, a row for each cell, refused ones with the reason, gait_atlas, report.html and library.npz.
 
     library.npz: features (C, T, 5) m, episode (C, T), contact (C, T, 2) and velocity (C, T) m/s of `reference.steps`
-    steps, nan and -1 where an episode fell before; dt s. A cell that is finished survives an interruption.
+    steps, nan and -1 where an episode fell before; dt s. The cells of `library.others` come last. A cell that is
+    finished survives an interruption.
     """
+    dt = 1.0 / config.humanoid.control_frequency
+    others = [read_library(Path(place), steps=config.reference.steps, dt=dt) for place in config.library.others or ()]
     cells = library_cells(config)
     kept = output / CHECKPOINT
     kept.mkdir(exist_ok=True)
@@ -61,39 +63,18 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
         rows.append(row)
         arrays.append(found)
         log.progress(number + 1, len(cells), speed=row["speed_m_per_s"], fit=sum(row["fit"] for row in rows))
-    table = pd.DataFrame(rows)
-    table.to_csv(output / "library.csv", index=False)
-    names: Cell = {"channels": np.array(CHANNELS), "dt": np.array(1.0 / config.humanoid.control_frequency)}
-    library = {name: np.stack([each[name] for each in arrays]) for name in arrays[0]} | names
-    save_arrays(output / "library.npz", library)
-    save(gait_atlas(table), output, "gait_atlas")
+    names: Cell = {"channels": np.array(CHANNELS), "dt": np.array(dt)}
+    own = {name: np.stack([each[name] for each in arrays]) for name in arrays[0]} | names
     how = f"a {config.teacher.gait} by {config.teacher.algorithm} on {config.rom.model}, seed {config.seed}"
-    radius = rom_parameters(config).foot_radius
-    write_library_page(
-        output / "report.html", table, library, foot_radius=radius, teacher=f"{how}, artifact {inputs['teacher'].name}"
+    table = pd.DataFrame(rows).assign(
+        foot_radius_m=rom_parameters(config).foot_radius, teacher=f"{how}, artifact {inputs['teacher'].name}"
     )
-    log.message(f"{int(table.fit.sum())} of {len(table)} cells are fit to be imitated")
-
-
-def library_cells(config: Config) -> list[Config]:
-    """The configuration of each cell: speeds and apexes that are multiples of a step within a range, each stiffness."""
-    teacher, asked = config.teacher, config.library
-    if not has_range(teacher):
-        return [config]
-    speeds = [teacher.speed] if teacher.speeds is None else multiples(teacher.speeds, asked.speed_step)
-    apexes = [teacher.apex] if teacher.apexes is None else multiples(teacher.apexes, asked.apex_step)
-    shares = [teacher.stiffness_share] if teacher.stiffness_shares is None else asked.stiffness_shares
-    return [
-        replace(config, teacher=replace(teacher, speed=speed, apex=apex, stiffness_share=share))
-        for speed, apex, share in product(speeds, apexes, shares)
-    ]
-
-
-def multiples(ends: Sequence[float], step: float) -> list[float]:
-    """Those of a step within a range; its lower end where there is none."""
-    low, high = ends
-    first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
-    return [round(number * step, 9) for number in range(first, last + 1)] or [low]
+    library = joined_library(FinishedLibrary(table, own), others)
+    library.table.to_csv(output / "library.csv", index=False)
+    save_arrays(output / "library.npz", library.arrays)
+    save(gait_atlas(library.table), output, "gait_atlas")
+    write_library_page(output / "report.html", library.table, library.arrays)
+    log.message(f"{int(library.table.fit.sum())} of {len(library.table)} cells are fit to be imitated")
 
 
 def finished_cell(path: Path) -> Cell | None:

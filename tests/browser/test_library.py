@@ -37,7 +37,7 @@ def page_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """report.html of a library of two gaits at three speeds on two stiffnesses, one cell of which fell."""
     path = tmp_path_factory.mktemp("library") / "report.html"
     table, arrays = synthetic_library(gaits=("walk", "run"), fallen=(REFUSED,))
-    write_library_page(path, table, arrays, foot_radius=0.07, teacher="ppo, seed 0")
+    write_library_page(path, table, arrays)
     return path
 
 

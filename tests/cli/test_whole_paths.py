@@ -22,3 +22,11 @@ def test_a_preset_brings_its_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     assert compose_config(*asked).humanoid.xml == str(presets / "body.xml")
     (elsewhere / "body.xml").write_text("<mujoco/>", encoding="utf-8")
     assert compose_config(*asked).humanoid.xml == str(elsewhere / "body.xml")
+
+
+def test_each_path_of_a_list_is_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("HOME", "/home/me")
+    monkeypatch.setenv("ELSEWHERE", "there/c")
+    written = "library.others=[a,'~/b',/d,'${oc.env:ELSEWHERE}']"
+    assert compose_config(written).library.others == [f"{tmp_path}/a", "/home/me/b", "/d", f"{tmp_path}/there/c"]

@@ -55,6 +55,8 @@ def bad_forms(entry: Any) -> list[str]:
     """The forms of a value that a key cannot take."""
     kind = kind_of(entry)
     forms = ["{a: 1}", "''", *([] if kind.optional else ["null"])]
+    if kind.many and kind.item == "str":
+        return [*forms, "4", "/place", "[]", "[true]", "[' ']", "[null]", "[[1]]"]
     if kind.many:
         return [*forms, "4", "[]", "[a]", "[true]", "[nan]", "[1e400]", "[-999]", "[[1]]"]
     forms += ["[1, 2]"]
@@ -255,6 +257,7 @@ MISFITS = (
     ("teacher.command_steps", "teacher.command_steps=60"),
     ("teacher.algorithm", "teacher=cmaes rom=running"),
     ("library.stiffness_shares", "stage=library teacher=variable_running library.stiffness_shares=[0.5,1]"),
+    ("library.others", "stage=library library.others=[/no/such/library]"),
     ("teacher.apex", "teacher=hopping teacher.apex=0.3"),
     ("teacher.apexes", "teacher=hopping teacher.apexes=[0.1,0.5]"),
     ("teacher.apex", "teacher=jumping teacher.apex=0.6"),

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import product
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from romgrl.artifacts import save_arrays, write_manifest
+from romgrl.gait.features import CHANNELS
 from romgrl.report.library_cells import MEASURED_CELLS
 from tests.helpers.synthetic_gait import DT, run
 
@@ -38,10 +41,28 @@ def synthetic_library(
         at = {"gait": gait, "speed_m_per_s": speed, "stiffness_share": share, "fit": fit, "reason": reason}
         measures = {name: round(0.1 * place + speed + share, 3) for place, name in enumerate(MEASURED_CELLS)}
         measures |= {} if fit else {"multiplier": np.nan, "duty_factor": np.nan}
-        rows.append({**at, **measures, "orbit": "stable"})
+        rows.append({**at, **measures, "orbit": "stable", "foot_radius_m": 0.07, "teacher": f"a {gait} by ppo, seed 0"})
         cells.append(synthetic_cell(speed, share, STEPS if fit else 10))
     arrays = {name: np.stack([cell[name] for cell in cells]) for name in cells[0]}
-    return pd.DataFrame(rows), arrays | {"dt": np.array(DT)}
+    return pd.DataFrame(rows), arrays | {"dt": np.array(DT), "channels": np.array(CHANNELS)}
+
+
+def write_library(
+    directory: Path,
+    table: pd.DataFrame,
+    arrays: dict[str, NDArray[Any]],
+    *,
+    stage: str = "library",
+    key: str = "fedcba9876543210",
+    config: dict[str, Any] | None = None,
+) -> str:
+    """A finished library's table, arrays and manifest; returns its directory as text."""
+    directory.mkdir(parents=True)
+    table.to_csv(directory / "library.csv", index=False)
+    save_arrays(directory / "library.npz", arrays)
+    made_from: dict[str, Any] = {"inputs": {}, "versions": {}, "revision": None, "dirty": None, "seed": 3}
+    write_manifest(directory, stage=stage, key=key, config=config or {}, wall_time=1.0, **made_from)
+    return str(directory)
 
 
 def synthetic_cell(speed: float, share: float, kept: int) -> dict[str, NDArray[Any]]:

@@ -15,6 +15,7 @@ from romgrl.provenance.stage_graph import STAGES
 from romgrl.provenance.stage_keys import NAME_KEYS, stage_key
 from tests.conftest import Composer
 from tests.helpers.configurations import all_keys, with_value
+from tests.helpers.synthetic_library import synthetic_library, write_library
 from tests.helpers.untrained import write_shipped
 from tests.provenance.test_stage_keys import different
 
@@ -55,6 +56,8 @@ def test_every_leaf_is_semantic_or_cosmetic(
 
 def changed_value(config: Config, key: str, directory: Path) -> object:
     """Another value; a file that exists where the key names one."""
+    if key == "library.others":
+        return [write_library(directory / "library", *synthetic_library())]
     if key != "humanoid.xml":
         return different(value_of(config, key))
     spec = human_spec(height=1.741, mass=73.0)
@@ -117,12 +120,14 @@ EDITED = {
     "config/addresses.py": set(),
     "cli/arguments.py": set(),
     "cli/consistency.py": set(),
+    "cli/other_libraries.py": set(),
     "runtime/stage_log.py": set(STAGES),
     "runtime/cores.py": set(),
     "artifacts/checkpoint.py": TRAINED | {"teacher", "library"},
     "artifacts/locks.py": set(),
     "provenance/stage_keys.py": set(),
     "provenance/stage_graph.py": set(),
+    "provenance/library_grid.py": {"library"},
     "tracking/recorder.py": set(),
     "tracking/sending/store.py": set(),
     "rom/vector_env.py": ROM_RUNS | {"report"},
@@ -166,6 +171,7 @@ EDITED = {
     "stages/rollouts/humanoid.py": {"evaluation"},
     "stages/rollouts/disturbed.py": {"robustness"},
     "stages/library.py": {"library"},
+    "report/finished_library.py": {"library"},
     "report/library_table.py": set(),
     "report/gait_atlas.py": {"library"},
     "report/figures.py": {"report"},

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,9 +16,16 @@ from romgrl.humanoid.digest import stable
 from romgrl.humanoid.own_body import human_spec
 from romgrl.provenance import shipped
 from romgrl.provenance.stage_graph import STAGES
-from romgrl.provenance.stage_keys import body_digests, require_same_body, stage_key
+from romgrl.provenance.stage_keys import (
+    body_digests,
+    require_same_body,
+    require_same_libraries,
+    stage_key,
+    stage_settings,
+)
 from tests.conftest import Composer
 from tests.helpers.configurations import all_keys
+from tests.helpers.synthetic_library import synthetic_library, write_library
 
 ALL = set(STAGES)
 STUDENT = {"student", "evaluation", "report", "robustness"}
@@ -146,6 +154,38 @@ def test_a_model_that_changes_under_a_job_ends_it(
     path.with_name("body.xml").write_text(heavier, encoding="utf-8")
     with pytest.raises(ArtifactError, match=f"{path}: the model changed while the job ran"):
         require_same_body(config)
+
+
+def test_a_joined_library_counts_as_what_it_holds(compose_config: Composer, tmp_path: Path) -> None:
+    """Contents and order, not the place; what changes while a job runs ends it."""
+    runs, walks = synthetic_library(), synthetic_library(gaits=("walk",))
+    places = [write_library(tmp_path / name, *each) for name, each in (("a", runs), ("b", runs), ("walk", walks))]
+
+    def config_with(*others: str) -> Config:
+        return compose_config(f"library.others=[{','.join(others)}]")
+
+    alone, run, same, walk, both, turned = (
+        all_keys(config)
+        for config in (
+            compose_config(),
+            *map(config_with, places),
+            config_with(*places[1:]),
+            config_with(*reversed(places[1:])),
+        )
+    )
+    assert run == same
+    assert len({keys["library"] for keys in (alone, run, walk, both, turned)}) == 5
+    assert {stage for stage in STAGES if alone[stage] != both[stage]} == {"library"}
+    config = config_with(places[0])
+    settings = stage_settings("library", config)
+    (read,) = settings["library.others"]
+    assert read.startswith("fedcba9876543210 sha256:")
+    require_same_libraries(config, settings)
+    require_same_libraries(config, stage_settings("teacher", config))
+    shutil.rmtree(places[0])
+    write_library(Path(places[0]), *walks)
+    with pytest.raises(ArtifactError, match=r"^library\.others: a library changed while the job ran"):
+        require_same_libraries(config, settings)
 
 
 def test_the_last_bits_of_another_processor_do_not_count() -> None:

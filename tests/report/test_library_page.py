@@ -31,7 +31,7 @@ def written(folder: Path, table: pd.DataFrame, arrays: Any) -> tuple[str, dict[s
         raise AssertionError(name)
 
     path = folder / "report.html"
-    write_library_page(path, table, arrays, foot_radius=0.07, teacher="ppo, seed 0")
+    write_library_page(path, table, arrays)
     text, rest = path.read_text("utf-8").split(BEFORE)
     return text, json.loads(rest.partition("</script>")[0], parse_constant=refuse)
 
@@ -44,7 +44,7 @@ def test_what_is_played_is_the_librarys(tmp_path: Path) -> None:
     table, arrays = synthetic_library()
     _, data = written(tmp_path, table, arrays)
     scene = data["scene"]
-    assert scene["foot_radius"] == 0.07
+    assert {cell["foot_radius"] for cell in scene["cells"]} == {0.07}
     for number, speed in enumerate(table.speed_m_per_s):
         walker = scene["walkers"][str(number)]
         length = stride_steps(speed)
@@ -81,7 +81,7 @@ def test_numbers_are_the_tables(tmp_path: Path) -> None:
         assert chart["cursor"]["cell"]["y"] == [None if np.isnan(value) else value for value in table[name]]
         assert f"<th>{label}</th>" in text
     assert "Fit to be imitated: 5 of 6 cells, at 2 to 4 m/s" in text
-    assert "Teacher: ppo, seed 0." in text
+    assert "Teacher: a run by ppo, seed 0." in text
     assert all(f'<a href="{name}">' in text for name in NEIGHBORS)
 
 
@@ -126,7 +126,11 @@ def test_a_library_of_one_cell(tmp_path: Path, fallen: tuple[int, ...]) -> None:
 
 def test_lines_are_of_gaits_and_stiffnesses(tmp_path: Path) -> None:
     table, arrays = synthetic_library(gaits=("walk", "run"), fallen=(0,))
+    table["foot_radius_m"] = np.where(table.gait == "walk", 0.07, 0.09)
     text, data = written(tmp_path, table, arrays)
+    assert [cell["foot_radius"] for cell in data["scene"]["cells"]] == [0.07, 0.09] * 6
+    assert "Teachers: a walk by ppo, seed 0; a run by ppo, seed 0." in text
+    assert "Fit to be imitated: 11 of 12 cells (run: 6 of 6, walk: 5 of 6), at 2 to 4 m/s" in text
     lines = data["scene"]["lines"]
     assert [(line["gait"], line["share"]) for line in lines] == [
         (gait, share) for share in (0.7, 1.4) for gait in ("run", "walk")

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from romgrl.gait.footfall import FOOTFALLS
 from romgrl.gait.recording import record
 from romgrl.rom.gait_clocks import CLOCKS, RUN
-from romgrl.rom.phase_policy import PhasePolicy, Span, between, shares
+from romgrl.rom.phase_policy import PhasePolicy, Span, between, knot_shares
 from romgrl.rom.vector_env import VariableLegVectorEnv
 
 
@@ -30,9 +30,11 @@ def test_curves_are_linear_between_knots_and_constant_beyond() -> None:
     values = np.array([[1.0, 3.0, -1.0, 0.0]])
     clock = np.array([0.0, 0.25, 0.375, 0.5, 0.875, 1.0, 1.4])
     knots = np.array(RUN.swing_knots)
-    np.testing.assert_allclose(between(shares(clock, knots), values), [1.0, 1.0, 2.0, 3.0, -0.5, 0.0, 0.0])
+    np.testing.assert_allclose(between(knot_shares(clock, knots), values), [1.0, 1.0, 2.0, 3.0, -0.5, 0.0, 0.0])
     repeated = np.repeat(values, 7, axis=0)
-    np.testing.assert_array_equal(between(shares(clock, knots), repeated), between(shares(clock, knots), values))
+    np.testing.assert_array_equal(
+        between(knot_shares(clock, knots), repeated), between(knot_shares(clock, knots), values)
+    )
 
 
 def test_each_world_has_its_own_parameters_and_nothing_is_remembered(seen: NDArray[np.float32]) -> None:
@@ -98,5 +100,5 @@ def test_each_gait_has_its_clock(gait: str) -> None:
         row[0, names.index("time_since_touchdown")] = 0.1 / clock.rate
         moved = (1.0 - phase) % 1.0 if side > 0 else phase
         for leg, at in ((own, 0.1), (other, 0.1 + moved)):
-            drive = between(shares(np.array([at]), np.array(clock.swing_knots)), of["swing_drive"])
+            drive = between(knot_shares(np.array([at]), np.array(clock.swing_knots)), of["swing_drive"])
             np.testing.assert_allclose(policy(row)[0, 2 + leg], drive[0], atol=1e-6)

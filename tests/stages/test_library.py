@@ -13,12 +13,12 @@ from romgrl.artifacts.checkpoint import CHECKPOINT
 from romgrl.config.schema import Config
 from romgrl.errors import ArtifactError
 from romgrl.gait.load_metrics import peak_force
+from romgrl.provenance.library_grid import library_cells
 from romgrl.report.library_table import library_metrics, library_tables
 from romgrl.rom.gait_clocks import RUN
 from romgrl.rom.phase_policy import PhasePolicy
 from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import library
-from romgrl.stages.library import library_cells
 from romgrl.stages.wiring.teacher_policy import save_phase_policy
 from tests.conftest import Composer
 

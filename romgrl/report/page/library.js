@@ -74,6 +74,7 @@ function choose(number) {
   if (!arrived) offset = poseAt(walkers[cell], secondsAt(walkers[cell])).points.map((value, i) => drawn[i] - value);
   line = lines.find((each) => each.cells.includes(cell));
   const { speed, fit, said, numbers } = cells[cell];
+  scene.foot_radius = cells[cell].foot_radius;
   const rank = line.cells.indexOf(cell);
   byId("cells").max = line.cells.length - 1;
   byId("cells").value = rank;

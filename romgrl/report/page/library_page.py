@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from romgrl.report.finished_library import RECORDED
 from romgrl.report.library_cells import MEASURED_CELLS, CellLine, cell_lines, said_of
 from romgrl.report.numbers import significant
 from romgrl.report.page.html import render_page
@@ -17,7 +18,6 @@ from romgrl.report.page.library_charts import atlas_charts, footfall_charts, lin
 from romgrl.report.page.scene import recording, rom_points
 from romgrl.report.page.stretches import Stretch, steady_stretch
 
-RECORDED = ("features", "contact", "velocity", "episode")
 BORDERS = ("solid", "dashed", "dotted", "double")  # of gaits in the legend
 NEIGHBORS = {
     "library.csv": "a row for each cell",
@@ -28,10 +28,8 @@ NEIGHBORS = {
 """What lies beside the page."""
 
 
-def write_library_page(
-    path: Path, table: pd.DataFrame, arrays: Mapping[str, NDArray[Any]], *, foot_radius: float, teacher: str
-) -> None:
-    """Write the page. table, arrays: library.csv and library.npz; foot_radius m; teacher: which it is, in words."""
+def write_library_page(path: Path, table: pd.DataFrame, arrays: Mapping[str, NDArray[Any]]) -> None:
+    """Write the page. table, arrays: library.csv and library.npz."""
     table = table.reset_index(drop=True).fillna({"reason": ""})
     dt, lines = float(arrays["dt"]), cell_lines(table)
     recorded = zip(*(arrays[name] for name in RECORDED), strict=True)
@@ -48,15 +46,16 @@ def write_library_page(
         name="library",
         scene={
             "dt": dt,
-            "foot_radius": foot_radius,
             "walkers": played_cells(stretches),
             "lines": [
                 {"gait": line.gait, "share": line.share, "color": line_color(line), "cells": line.rows.index.tolist()}
                 for line in lines
             ],
             "cells": [
-                {"speed": speed, "fit": bool(fit), "said": words, "numbers": shown}
-                for speed, fit, words, shown in zip(table.speed_m_per_s, table.fit, said, texts, strict=True)
+                {"speed": speed, "fit": bool(fit), "said": words, "numbers": shown, "foot_radius": radius}
+                for speed, fit, words, shown, radius in zip(
+                    table.speed_m_per_s, table.fit, said, texts, table.foot_radius_m, strict=True
+                )
             ],
             "start": first_cell(lines),
         },
@@ -66,7 +65,7 @@ def write_library_page(
         },
         title="Gait atlas",
         headline=headline_of(table),
-        setting=f"Teacher: {teacher}.",
+        setting=setting_of(table),
         colors={},
         legend=[(line.label, line_color(line), BORDERS[line.dash % len(BORDERS)]) for line in lines],
         gaits=list(dict.fromkeys(line.gait for line in lines)),
@@ -97,14 +96,22 @@ def first_cell(lines: Sequence[CellLine]) -> int:
 
 
 def headline_of(table: pd.DataFrame) -> str:
-    """How many cells are fit, at which speeds, and what was asked for."""
-    fit = table[table.fit]
+    """How many cells are fit, of which gaits and at which speeds, and what was asked for."""
+    fit, gaits = table[table.fit], table.groupby("gait").fit
+    of_each = ", ".join(f"{gait}: {int(own.sum())} of {len(own)}" for gait, own in gaits)
+    each = f" ({of_each})" if len(gaits) > 1 else ""
     held = f", at {speed_span(fit.speed_m_per_s)} (held: {speed_span(fit.steady_speed_m_per_s)})" if len(fit) else ""
     shares = ", ".join(f"{share:g}" for share in np.unique(table.stiffness_share))
     return (
-        f"Fit to be imitated: {len(fit)} of {len(table)} cells{held}. "
+        f"Fit to be imitated: {len(fit)} of {len(table)} cells{each}{held}. "
         f"Asked for: {speed_span(table.speed_m_per_s)}, stiffness × {shares}."
     )
+
+
+def setting_of(table: pd.DataFrame) -> str:
+    """Which teachers there are, in words."""
+    teachers = list(dict.fromkeys(table.teacher))
+    return f"{'Teachers' if len(teachers) > 1 else 'Teacher'}: {'; '.join(teachers)}."
 
 
 def speed_span(speeds: pd.Series) -> str:

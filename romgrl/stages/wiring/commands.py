@@ -9,7 +9,7 @@ from itertools import product
 import numpy as np
 
 from romgrl.config.schema import Config
-from romgrl.config.teachers import Teacher
+from romgrl.config.teachers import has_range
 from romgrl.rom.parameters import Commands
 
 GRID = 5  # speeds or apexes at which a teacher of a range is checked, its ends among them
@@ -35,11 +35,6 @@ def asked_in_training(config: Config) -> Asked:
     soft, stiff = teacher.stiffness_shares or (teacher.stiffness_share, teacher.stiffness_share)
     least, most = teacher.apexes or (teacher.apex, teacher.apex)
     return Commands((low, high), (soft, stiff), teacher.command_steps, (least, most))
-
-
-def has_range(teacher: Teacher) -> bool:
-    """Whether it learns to follow more than one command."""
-    return any(ends is not None for ends in (teacher.speeds, teacher.stiffness_shares, teacher.apexes))
 
 
 def checked_tasks(config: Config) -> list[Config]:

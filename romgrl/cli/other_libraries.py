@@ -1,0 +1,47 @@
+"""What is joined with a library: finished libraries like it, and no cell twice."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from romgrl.config.schema import Config
+from romgrl.config.values import refusal, schema_keys
+from romgrl.errors import RomgrlError
+
+OTHERS_KEY = "library.others"
+OTHER_LIBRARIES_KEYS = (
+    "stage",
+    "reference.steps",
+    "humanoid.control_frequency",
+    *(key for key in schema_keys() if key.startswith("library.")),
+    *(
+        f"teacher.{name}"
+        for name in ("gait", "speed", "speeds", "stiffness_share", "stiffness_shares", "apex", "apexes")
+    ),
+)
+
+
+def other_libraries(config: Config) -> Iterator[str]:
+    """The others are finished, whole, of the same steps, and have cells of their own."""
+    if config.stage != "library" or config.library.others is None:
+        return
+    from romgrl.provenance.library_grid import library_cells
+    from romgrl.report.finished_library import asked_cell, cells_of, read_library
+
+    steps, rate = config.reference.steps, config.humanoid.control_frequency
+    asked = [at.teacher for at in library_cells(config)]
+    known = {asked_cell(at.gait, at.speed, at.apex, at.stiffness_share) for at in asked}
+    for place in config.library.others:
+        try:
+            cells = [*cells_of(read_library(Path(place), steps=steps, dt=1.0 / rate).table)]
+        except (RomgrlError, OSError) as error:
+            reason = error.strerror if isinstance(error, OSError) else error
+            yield refusal(OTHERS_KEY, place, f"finished libraries of {steps} steps at {rate:g} Hz ({reason})")
+            return
+        for cell in cells:
+            if cell in known:
+                again = f"{Path(place).name} has again: {cell}"
+                yield refusal(OTHERS_KEY, place, f"libraries whose cells are in no other ({again})")
+                return
+        known |= set(cells)
