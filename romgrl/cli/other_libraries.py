@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
+from romgrl.cli.teacher_ranges import RANGES
 from romgrl.config.schema import Config
 from romgrl.config.values import refusal, schema_keys
 from romgrl.errors import RomgrlError
@@ -15,10 +16,9 @@ OTHER_LIBRARIES_KEYS = (
     "reference.steps",
     "humanoid.control_frequency",
     *(key for key in schema_keys() if key.startswith("library.")),
-    *(
-        f"teacher.{name}"
-        for name in ("gait", "speed", "speeds", "stiffness_share", "stiffness_shares", "apex", "apexes")
-    ),
+    "teacher.gait",
+    *RANGES,
+    *RANGES.values(),
 )
 
 

@@ -9,7 +9,6 @@ from romgrl.gait.features import BODY_Y, LEFT_X, RIGHT_X, Bools, Floats, Gait
 from romgrl.gait.footfall import FOOTFALLS, Footfall
 from romgrl.gait.metrics import left_right_correlation, touchdown_phase
 
-LOWEST_BODY = 0.7  # of the median body height; a fall ends lower
 LARGEST_SLIP = 0.1  # of the mean speed; feet that stick show 0.01 to 0.02, the error of differences over a step
 SLOWEST_SLIP_LIMIT = 0.2  # m/s, for slow gaits
 LARGEST_SPEED_TREND = 0.15  # of the mean speed, from the start of an episode to its end; teachers show 0.04 to 0.11
@@ -28,9 +27,9 @@ def check_reference(gait: Gait, footfall: Footfall = FOOTFALLS["run"]) -> dict[s
     if measured["falls"] > 0:
         raise ArtifactError(f"the reference falls: in {measured['falls']:.0f} of {len(gait.fallen)} episodes, limit 0")
     measured["lowest_body"] = lowest_body(gait)
-    if not measured["lowest_body"] >= LOWEST_BODY:
+    if not measured["lowest_body"] >= footfall.lowest:
         raise ArtifactError(
-            f"the reference falls: lowest body height {measured['lowest_body']:.2f} of the median, limit {LOWEST_BODY}"
+            f"the reference falls: lowest body height {measured['lowest_body']:.2f} of the median, limit {footfall.lowest}"
         )
     measured |= check_footfall(gait, footfall)
     speed = float(np.abs(gait.velocity[gait.valid].mean()))

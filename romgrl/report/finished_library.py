@@ -69,7 +69,7 @@ def read_library(directory: Path, *, steps: int, dt: float) -> FinishedLibrary:
 
 
 def with_origin(table: pd.DataFrame, manifest: Manifest) -> pd.DataFrame:
-    """library.csv with what older ones lack: no apex; `foot_radius_m` and `teacher` as the manifest has them, or nan."""
+    """library.csv with what older ones lack: no apex; foot radius and teacher as the manifest has them, or nan."""
     if "apex_m" not in table:
         table = table.assign(apex_m=0.0)
     if "teacher" not in table:

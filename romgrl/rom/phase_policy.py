@@ -103,6 +103,6 @@ def knot_shares(clock: Array, knots: Array) -> list[Array]:
 
 
 def between(passed: Sequence[Array], values: Array) -> Array:
-    """Linear between knots, the ends beyond them. passed: of `knot_shares` (2, N), values (N, K) or (1, K) -> (2, N)."""
+    """Linear between knots, the ends beyond them. passed: of `knot_shares` (2, N); values (N, K) or (1, K)."""
     risen = (share * (after - before) for share, (before, after) in zip(passed, pairwise(values.T), strict=True))
     return np.asarray(values[:, 0] + sum(risen))
