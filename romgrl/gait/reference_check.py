@@ -29,7 +29,8 @@ def check_reference(gait: Gait, footfall: Footfall = FOOTFALLS["run"]) -> dict[s
     measured["lowest_body"] = lowest_body(gait)
     if not measured["lowest_body"] >= footfall.lowest:
         raise ArtifactError(
-            f"the reference falls: lowest body height {measured['lowest_body']:.2f} of the median, limit {footfall.lowest}"
+            f"the reference falls: lowest body height {measured['lowest_body']:.2f} of the median, "
+            f"limit {footfall.lowest}"
         )
     measured |= check_footfall(gait, footfall)
     speed = float(np.abs(gait.velocity[gait.valid].mean()))

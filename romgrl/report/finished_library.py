@@ -20,7 +20,7 @@ CELL_COLUMNS = ("gait", "speed_m_per_s", "stiffness_share", "fit", "reason")
 RECORDED = {"features": (len(CHANNELS),), "contact": (2,), "velocity": (), "episode": ()}
 """Arrays of library.npz with a row for each cell, and the shape of a step of theirs."""
 DT_TOLERANCE = 1e-6  # of dt
-DIGITS = 6  # after the point: multiples of two steps that meet may differ in their last bits
+GOAL_DIGITS = 6  # after the point: multiples of two steps that meet may differ in their last bits
 
 
 class AskedCell(NamedTuple):
@@ -99,5 +99,5 @@ def cells_of(table: pd.DataFrame) -> Iterator[AskedCell]:
 
 def asked_cell(gait: str, *numbers: float) -> AskedCell:
     """numbers: speed, m/s, apex, m, and stiffness share."""
-    speed, apex, share = (round(float(number), DIGITS) for number in numbers)
+    speed, apex, share = (round(float(number), GOAL_DIGITS) for number in numbers)
     return AskedCell(str(gait), speed, apex, share)

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 MEASURED_CELLS = {
     "steady_speed_m_per_s": "speed held [m/s]",
+    "jump_apex_m": "apex of jumps [m]",
     "stride_frequency_hz": "stride frequency [Hz]",
     "duty_factor": "duty factor",
     "pelvis_excursion_m": "vertical excursion [m]",
@@ -26,13 +27,34 @@ MEASURED_CELLS = {
     "falls": "falls",
 }
 """Columns of library.csv, and what stands over their panels; a library may lack some."""
+ASKED = {"steady_speed_m_per_s": "speed_m_per_s", "jump_apex_m": "apex_m"}
+"""The columns of what is asked for, by those of what it came to."""
 BAND_POINTS = 101
 REACH = 0.1  # m/s: how far the bands go to both sides of a table of one speed
 
 
+def goals(table: pd.DataFrame) -> pd.Series:
+    """What each cell of library.csv was asked for: a speed, m/s, or an apex, m, of jumps."""
+    apex = table.get("apex_m", 0.0 * table.speed_m_per_s)
+    return table.speed_m_per_s.where(apex == 0, apex)
+
+
+def goal_text(speed: float, apex: float) -> str:
+    """A goal in words, as in `1.25 m/s`."""
+    return f"{apex:g} m" if apex else f"{speed:g} m/s"
+
+
+def goal_label(table: pd.DataFrame) -> str:
+    """What stands at the axis of goals."""
+    jumps = table.gait == "jump"
+    if jumps.all():
+        return "apex asked for [m]"
+    return "asked for [m/s, of jumps m]" if jumps.any() else "speed asked for [m/s]"
+
+
 @dataclass(frozen=True)
 class CellLine:
-    """Cells of one stiffness, and of one gait where a library has several, by speed. rows: of library.csv.
+    """Cells of one stiffness, and of one gait where a library has several, by goal. rows: of library.csv.
 
     gait: "" where there is one alone; color and dash: the numbers of the stiffness and of the gait.
     """
@@ -56,18 +78,18 @@ def cell_lines(table: pd.DataFrame) -> list[CellLine]:
     found = []
     for color, share in enumerate(np.unique(table.stiffness_share).tolist()):
         for dash, gait in enumerate(several):
-            rows = table[(table.stiffness_share == share) & (gaits == gait)].sort_values("speed_m_per_s")
+            rows = table[(table.stiffness_share == share) & (gaits == gait)].sort_values(["speed_m_per_s", "apex_m"])
             if len(rows):
                 found.append(CellLine(share, gait if len(several) > 1 else "", color, dash, rows))
     return found
 
 
 def band_curve(measure: str, table: pd.DataFrame) -> tuple[Floats, Floats, Floats]:
-    """Speeds (N,) m/s over those of library.csv, and what people show of a measure there, low and high (N,); nan: none.
+    """Goals (N,) over those of library.csv, and what people show of a measure at such speeds, low and high (N,).
 
-    They are of walks and runs where the table has one of them, else of its gait.
+    nan: nothing is known. Bands are of walks and runs where the table has one of them, else of its gait.
     """
-    low, high = float(table.speed_m_per_s.min()), float(table.speed_m_per_s.max())
+    low, high = float(goals(table).min()), float(goals(table).max())
     own = {human_bands.COMPARED_WITH.get(gait, ()) for gait in table.gait}
     gaits = human_bands.ON_TWO_FEET if human_bands.ON_TWO_FEET in own else min(own)
     reach = 0.0 if high > low else REACH

@@ -7,15 +7,15 @@ from pathlib import Path
 
 from rich.table import Table
 
-from romgrl.report.library_cells import said_of
+from romgrl.report.library_cells import goal_text, said_of
 from romgrl.report.numbers import UNKNOWN, significant
 from romgrl.report.terminal_tables import Rows, number, read_rows
 
 LIBRARY_TABLE = "library.csv"
 SHOWN = {
-    "speed_m_per_s": "asked [m/s]",
     "stiffness_share": "stiffness",
     "steady_speed_m_per_s": "speed [m/s]",
+    "jump_apex_m": "apex [m]",
     "falls": "falls",
     "stride_frequency_hz": "strides [Hz]",
     "duty_factor": "duty factor",
@@ -36,14 +36,17 @@ def library_tables(library: Path) -> list[Table]:
     several = len({row["gait"] for row in rows}) > 1
     if several:
         table.add_column("gait")
-    for label in SHOWN.values():
+    table.add_column("asked", justify="right")
+    shown = {name: label for name, label in SHOWN.items() if any(row.get(name) for row in rows)}
+    for label in shown.values():
         table.add_column(label, justify="right")
     table.add_column("fit")
     for row in rows:
-        values = [significant(number(row[name])) if name in row else UNKNOWN for name in SHOWN]
+        values = [significant(number(row[name])) if name in row else UNKNOWN for name in shown]
         numbers = {name: number(value) for name, value in row.items()}
-        of_gait = [row["gait"]] if several else []
-        table.add_row(*of_gait, *values, said_of(row["fit"] == "True", row["reason"], numbers, row["gait"]))
+        goal = goal_text(numbers["speed_m_per_s"], number(row.get("apex_m", "0")))
+        fit = said_of(row["fit"] == "True", row["reason"], numbers, row["gait"])
+        table.add_row(*([row["gait"]] if several else []), goal, *values, fit)
     return [table]
 
 

@@ -70,7 +70,7 @@ def test_it_walks_on_from_the_same_phase(opened: Page) -> None:
     strides, metres = opened.evaluate("[phase, gone]")
     length = opened.evaluate("scene.dt * walkers[cell].strides[1]")
     assert strides - before[0] == pytest.approx(0.4 / length)
-    assert metres - before[1] == pytest.approx(0.4 * opened.evaluate("cells[cell].speed"), abs=0.02)
+    assert metres - before[1] == pytest.approx(0.4 * opened.evaluate("cells[cell].asked"), abs=0.02)
 
 
 def test_a_change_while_it_plays_is_no_jump(opened: Page) -> None:
@@ -123,7 +123,7 @@ def test_charts_follow_and_a_click_plays_that_cell(opened: Page) -> None:
     target = opened.evaluate("""() => {
       const { xaxis, yaxis } = charts.get("atlas-duty_factor").plot._fullLayout;
       const number = lines[3].cells[2];
-      return [xaxis.l2p(cells[number].speed), yaxis.l2p(charts.get("atlas-duty_factor").cursor.cell.y[number])];
+      return [xaxis.l2p(cells[number].asked), yaxis.l2p(charts.get("atlas-duty_factor").cursor.cell.y[number])];
     }""")
     plot.locator(".nsewdrag").click(position={"x": target[0], "y": target[1]})
     opened.wait_for_function("() => cell === lines[3].cells[2]")

@@ -38,7 +38,8 @@ def synthetic_library(
     for number, (speed, share, gait) in enumerate(product(speeds, shares, gaits)):
         fit = number not in fallen
         reason = "" if fit else REASON
-        at = {"gait": gait, "speed_m_per_s": speed, "stiffness_share": share, "fit": fit, "reason": reason}
+        at: dict[str, Any] = {"gait": gait, "speed_m_per_s": speed, "apex_m": 0.0, "stiffness_share": share}
+        at |= {"fit": fit, "reason": reason}
         measures = {name: round(0.1 * place + speed + share, 3) for place, name in enumerate(MEASURED_CELLS)}
         measures |= {} if fit else {"multiplier": np.nan, "duty_factor": np.nan}
         rows.append({**at, **measures, "orbit": "stable", "foot_radius_m": 0.07, "teacher": f"a {gait} by ppo, seed 0"})

@@ -67,7 +67,7 @@ def test_numbers_are_the_tables(tmp_path: Path) -> None:
     charts = charts_of(data)
     for number, cell in enumerate(data["scene"]["cells"]):
         row = table.loc[number]
-        assert (cell["speed"], cell["fit"]) == (row.speed_m_per_s, row.fit)
+        assert (cell["asked"], cell["fit"]) == (row.speed_m_per_s, row.fit)
         assert cell["numbers"] == [significant(row[name]) for name in MEASURED_CELLS]
     for name, label in MEASURED_CELLS.items():
         chart = charts[f"atlas-{name}"]
@@ -188,6 +188,28 @@ def test_the_figure_has_a_panel_for_each_measure_that_is_there(gaits: tuple[str,
     figure = gait_atlas(table)
     titled = [axes for axes in figure.axes if axes.get_title(loc="left")]
     assert [axes.get_title(loc="left") for axes in titled] == list(MEASURED_CELLS.values())
-    assert len(gait_atlas(table.drop(columns="net_extension_m")).axes) == 8
+    assert len(gait_atlas(table.drop(columns="net_extension_m")).axes) == 10
     labels = [text.get_text() for text in figure.axes[-1].get_legend().get_texts()]
     assert labels == [line.label for line in cell_lines(table)]
+
+
+def test_jumps_stand_at_their_apexes(tmp_path: Path) -> None:
+    """Alone, and beside runs."""
+    table, arrays = synthetic_library((2.0, 3.0, 4.0), (1.0,))
+    jumps = table.assign(gait="jump", speed_m_per_s=0.0, apex_m=[0.1, 0.2, 0.3], jump_apex_m=[0.1, 0.21, 0.28])
+    text, data = written(tmp_path, jumps, arrays)
+    assert [(cell["asked"], cell["goal"]) for cell in data["scene"]["cells"]] == [
+        (apex, f"{apex:g} m") for apex in (0.1, 0.2, 0.3)
+    ]
+    chart = charts_of(data)["atlas-jump_apex_m"]["figure"]
+    assert chart["data"][-1]["x"] == [0.1, 0.2, 0.3]
+    assert chart["layout"]["xaxis"]["title"]["text"] == "apex asked for [m]"
+    assert "at 0.1 to 0.3 m (held: 0.1 to 0.28 m). Asked for: 0.1 to 0.3 m, stiffness" in text
+    both = pd.concat([table, jumps], ignore_index=True)
+    text, _ = written(
+        tmp_path,
+        both,
+        {name: np.concatenate([each, each]) for name, each in arrays.items() if each.ndim} | {"dt": arrays["dt"]},
+    )
+    assert "Asked for: 2 to 4 m/s and 0.1 to 0.3 m" in text
+    assert gait_atlas(both).axes[0].get_xlabel() == "asked for [m/s, of jumps m]"

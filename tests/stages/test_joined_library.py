@@ -26,7 +26,8 @@ RUN = ("teacher=variable_running", "teacher.speeds=[4.5,4.75]", "library.stiffne
 def own_cell(config: Config, teacher: Path) -> library.Cell:
     """A cell of the joined library's own teacher."""
     speed, share = config.teacher.speed, config.teacher.stiffness_share
-    row = {"gait": config.teacher.gait, "speed_m_per_s": speed, "stiffness_share": share, "fit": True, "reason": ""}
+    row = {"gait": config.teacher.gait, "speed_m_per_s": speed, "apex_m": 0.0, "stiffness_share": share}
+    row |= {"fit": True, "reason": ""}
     row |= {"steady_speed_m_per_s": speed, "falls": 0, "multiplier": 0.5, "orbit": "stable"}
     return {**synthetic_cell(2.0, share, STEPS), "row": np.array(json.dumps(row))}
 

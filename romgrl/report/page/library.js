@@ -62,7 +62,7 @@ function show() {
 
 // A ring at the cell of an atlas chart, a dot at the moment of a footfall diagram.
 pointAt = (name, follows) => {
-  if (name === "cell") return follows.y[cell] === null ? null : [cells[cell].speed, follows.y[cell]];
+  if (name === "cell") return follows.y[cell] === null ? null : [cells[cell].asked, follows.y[cell]];
   const walker = walkers[cell];
   return walker && cell in follows.rows ? [secondsAt(walker), follows.rows[cell]] : null;
 };
@@ -73,13 +73,13 @@ function choose(number) {
   arrived = drawn && walkers[cell] ? 0 : 1;
   if (!arrived) offset = poseAt(walkers[cell], secondsAt(walkers[cell])).points.map((value, i) => drawn[i] - value);
   line = lines.find((each) => each.cells.includes(cell));
-  const { speed, fit, said, numbers } = cells[cell];
+  const { goal, fit, said, numbers } = cells[cell];
   scene.foot_radius = cells[cell].foot_radius;
   const rank = line.cells.indexOf(cell);
   byId("cells").max = line.cells.length - 1;
   byId("cells").value = rank;
-  byId("cells").setAttribute("aria-valuetext", `${speed} m/s`);
-  byId("asked").textContent = `${speed.toFixed(2)} m/s`;
+  byId("cells").setAttribute("aria-valuetext", goal);
+  byId("asked").textContent = goal;
   byId("verdict").textContent = fit ? `Fit to be imitated: ${said}.` : `Refused: ${said}.`;
   byId("verdict").className = fit ? "" : "refused";
   fields.forEach((field, i) => { field.textContent = numbers[i]; });
@@ -102,11 +102,11 @@ function showFootfall(key, on) {
   if (on && hidden && chart?.drawn) Plotly.Plots.resize(chart.plot);
 }
 
-// The cell of another line at the speed that is nearest to this one.
+// The cell of another line whose goal is nearest to this one.
 function changeLine(gait, share) {
   const own = lines.filter((each) => each.gait === gait);
   const next = own.find((each) => each.share === share) || own[0];
-  const off = (number) => Math.abs(cells[number].speed - cells[cell].speed);
+  const off = (number) => Math.abs(cells[number].asked - cells[cell].asked);
   choose(next.cells.reduce((best, number) => (off(number) < off(best) ? number : best)));
 }
 

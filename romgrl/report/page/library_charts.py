@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from romgrl.report.gait_atlas import STIFFNESS_COLORS
-from romgrl.report.library_cells import MEASURED_CELLS, CellLine, band_curve
+from romgrl.report.library_cells import ASKED, MEASURED_CELLS, CellLine, band_curve, goal_label, goal_text, goals
 from romgrl.report.numbers import significant
 from romgrl.report.page.charts import LEGS, Chart, contact_spans, empty_figure, listed
 from romgrl.report.page.stretches import Stretch
@@ -36,10 +36,10 @@ def atlas_charts(table: pd.DataFrame, lines: Sequence[CellLine], said: Sequence[
     for name, label in MEASURED_CELLS.items():
         if name not in table:
             continue
-        figure = empty_figure("speed asked for [m/s]", "")
+        figure = empty_figure(goal_label(table), "")
         add_human_bands(figure, name, table)
-        if name == "steady_speed_m_per_s":
-            ends = listed([table.speed_m_per_s.min(), table.speed_m_per_s.max()])
+        if name in ASKED:
+            ends = listed([table[ASKED[name]].min(), table[ASKED[name]].max()])
             figure.add_scatter(x=ends, y=ends, mode="lines", line={"color": GREY, "width": 1, "dash": "dot"})
             figure.update_traces(hoverinfo="skip")
         for line in lines:
@@ -68,15 +68,17 @@ def add_human_bands(figure: Any, measure: str, table: pd.DataFrame) -> None:
 def add_cells(figure: Any, line: CellLine, measure: str, said: Sequence[str]) -> None:
     """A measure over the cells of one line: filled where they are fit, open where they are refused."""
     color, cells = line_color(line), line.rows.index.tolist()
-    values = line.rows[measure]
+    values, label = line.rows[measure], escape(MEASURED_CELLS[measure])
     texts = [
-        f"<b>{speed:g} m/s, {escape(line.label)}</b><br>{escape(MEASURED_CELLS[measure])}: {significant(value)}<br>"
+        f"<b>{goal_text(speed, apex)}, {escape(line.label)}</b><br>{label}: {significant(value)}<br>"
         + ("fit: " if fit else "")
         + "<br>".join(wrap(escape(said[cell]), HOVER_WIDTH))
-        for cell, speed, value, fit in zip(cells, line.rows.speed_m_per_s, values, line.rows.fit, strict=True)
+        for cell, speed, apex, value, fit in zip(
+            cells, line.rows.speed_m_per_s, line.rows.apex_m, values, line.rows.fit, strict=True
+        )
     ]
     figure.add_scatter(
-        x=listed(line.rows.speed_m_per_s),
+        x=listed(goals(line.rows)),
         y=listed(values),
         mode="lines+markers",
         name=line.label,
@@ -97,7 +99,7 @@ def footfall_charts(lines: Sequence[CellLine], stretches: Sequence[Stretch | Non
 
 def footfall_chart(number: int, line: CellLine, stretches: Sequence[Stretch | None], dt: float, end: float) -> Chart:
     """The rows of one line up to `end` s; the dot is at the moment that plays."""
-    figure = empty_figure("time from a touchdown of the left foot [s]", "asked for [m/s]")
+    figure = empty_figure("time from a touchdown of the left foot [s]", goal_label(line.rows))
     cells = line.rows.index.tolist()
     for row, cell in enumerate(cells):
         stretch = stretches[cell]
@@ -127,7 +129,7 @@ def footfall_chart(number: int, line: CellLine, stretches: Sequence[Stretch | No
         )
     figure.update_layout(barmode="overlay")
     figure.update_xaxes(range=[0.0, round(1.02 * end, 4)])
-    speeds = [f"{speed:g}" for speed in line.rows.speed_m_per_s]
+    speeds = [f"{goal:g}" for goal in goals(line.rows)]
     figure.update_yaxes(range=[-0.6, len(cells) - 0.4], tickvals=list(range(len(cells))), ticktext=speeds)
     rows = {"moment": {"rows": {str(cell): row for row, cell in enumerate(cells)}}}
     height = max(AXIS_HEIGHT + ROW_HEIGHT * len(cells), LEAST_HEIGHT)

@@ -11,7 +11,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from romgrl.report.finished_library import RECORDED
-from romgrl.report.library_cells import MEASURED_CELLS, CellLine, cell_lines, said_of
+from romgrl.report.library_cells import ASKED, MEASURED_CELLS, CellLine, cell_lines, goal_text, goals, said_of
 from romgrl.report.numbers import significant
 from romgrl.report.page.html import render_page
 from romgrl.report.page.library_charts import atlas_charts, footfall_charts, line_color
@@ -26,6 +26,9 @@ NEIGHBORS = {
     "gait_atlas.pdf": "for print",
 }
 """What lies beside the page."""
+GOALS = {"speed_m_per_s": "speed_m_per_s", "apex_m": "apex_m"}
+HELD = {asked: held for held, asked in ASKED.items()}
+"""Columns of library.csv by those of what is asked for: these themselves, and what it came to."""
 
 
 def write_library_page(path: Path, table: pd.DataFrame, arrays: Mapping[str, NDArray[Any]]) -> None:
@@ -40,6 +43,7 @@ def write_library_page(path: Path, table: pd.DataFrame, arrays: Mapping[str, NDA
     said = [said_of(*cell) for cell in cells]
     measures = {name: label for name, label in MEASURED_CELLS.items() if name in table}
     texts = [[significant(row[name]) for name in measures] for row in numbers]
+    named = [goal_text(*asked) for asked in zip(table.speed_m_per_s, table.apex_m, strict=True)]
     labels = {cell: line.label for line in lines for cell in line.rows.index}
     render_page(
         path,
@@ -52,9 +56,9 @@ def write_library_page(path: Path, table: pd.DataFrame, arrays: Mapping[str, NDA
                 for line in lines
             ],
             "cells": [
-                {"speed": speed, "fit": bool(fit), "said": words, "numbers": shown, "foot_radius": radius}
-                for speed, fit, words, shown, radius in zip(
-                    table.speed_m_per_s, table.fit, said, texts, table.foot_radius_m, strict=True
+                {"asked": goal, "goal": words, "fit": bool(fit), "said": why, "numbers": shown, "foot_radius": radius}
+                for goal, words, fit, why, shown, radius in zip(
+                    goals(table), named, table.fit, said, texts, table.foot_radius_m, strict=True
                 )
             ],
             "start": first_cell(lines),
@@ -71,8 +75,8 @@ def write_library_page(path: Path, table: pd.DataFrame, arrays: Mapping[str, NDA
         gaits=list(dict.fromkeys(line.gait for line in lines)),
         measures=list(measures.values()),
         rows=[
-            [f"{speed:g}", labels[cell], words, *shown]
-            for cell, (speed, shown, words) in enumerate(zip(table.speed_m_per_s, texts, said, strict=True))
+            [goal, labels[cell], words, *shown]
+            for cell, (goal, shown, words) in enumerate(zip(named, texts, said, strict=True))
         ],
         hertz=f"{1.0 / dt:.0f}",
         files=NEIGHBORS,
@@ -96,15 +100,15 @@ def first_cell(lines: Sequence[CellLine]) -> int:
 
 
 def headline_of(table: pd.DataFrame) -> str:
-    """How many cells are fit, of which gaits and at which speeds, and what was asked for."""
+    """How many cells are fit, of which gaits, at which speeds or apexes, and what was asked for."""
     fit, gaits = table[table.fit], table.groupby("gait").fit
     of_each = ", ".join(f"{gait}: {int(own.sum())} of {len(own)}" for gait, own in gaits)
     each = f" ({of_each})" if len(gaits) > 1 else ""
-    held = f", at {speed_span(fit.speed_m_per_s)} (held: {speed_span(fit.steady_speed_m_per_s)})" if len(fit) else ""
+    held = f", at {goal_spans(fit)} (held: {goal_spans(fit, HELD)})" if len(fit) else ""
     shares = ", ".join(f"{share:g}" for share in np.unique(table.stiffness_share))
     return (
         f"Fit to be imitated: {len(fit)} of {len(table)} cells{each}{held}. "
-        f"Asked for: {speed_span(table.speed_m_per_s)}, stiffness × {shares}."
+        f"Asked for: {goal_spans(table)}, stiffness × {shares}."
     )
 
 
@@ -114,7 +118,15 @@ def setting_of(table: pd.DataFrame) -> str:
     return f"{'Teachers' if len(teachers) > 1 else 'Teacher'}: {'; '.join(teachers)}."
 
 
-def speed_span(speeds: pd.Series) -> str:
-    """The range of speeds in m/s, as text."""
-    ends = dict.fromkeys(significant(speed) for speed in (speeds.min(), speeds.max()))
-    return f"{' to '.join(ends)} m/s"
+def goal_spans(table: pd.DataFrame, columns: Mapping[str, str] = GOALS) -> str:
+    """The range of the speeds, and of the apexes of jumps, as text; columns: of them, by those of what is asked for."""
+    jumps = table.apex_m > 0
+    values = {"m/s": table[~jumps][columns["speed_m_per_s"]]}
+    if jumps.any():
+        values["m"] = table[jumps][columns["apex_m"]]
+    return " and ".join(f"{span_text(each)} {unit}" for unit, each in values.items() if len(each))
+
+
+def span_text(values: pd.Series) -> str:
+    """The least and the largest value, as text."""
+    return " to ".join(dict.fromkeys(significant(value) for value in (values.min(), values.max())))
