@@ -38,9 +38,10 @@ MOTOR_OBSERVATION_NAMES = (
     "right_previous_drive",
     "stiffness_share",
     "time_since_touchdown",
-    "target_apex",
+    "target_takeoff_velocity",
 )
-"""With a motor in each leg: the rest length beyond L0, its rate, the last drive; a time, in sqrt(L0 / g)."""
+"""With a motor in each leg: the rest length beyond L0, its rate, the last drive; a time, in sqrt(L0 / g); how fast a
+jump to the apex asked for passes the height that apexes are measured from, sqrt(2 g h)."""
 PAPER_COLUMNS: tuple[int, ...] = (0, 1, 2, 3, 6, 7, 8, 9, 10, 11, 12, 13, 18)
 
 

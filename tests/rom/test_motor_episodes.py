@@ -32,7 +32,8 @@ def test_commands_are_drawn_for_each_episode_and_while_it_lasts() -> None:
         seen.append(worlds["observation"][:, [18, 26, 28]].copy())
     changes = [bool((after != before).any()) for before, after in pairwise(seen)]
     assert changes == [False, False, True] * 3
-    commands = np.concatenate(seen[::3]) * [unit, 1.0, LENGTH]
+    commands = np.concatenate(seen[::3]) * [unit, 1.0, unit]
+    commands[:, 2] = commands[:, 2] ** 2 / (2 * GRAVITY)
     assert np.abs(np.corrcoef(commands.T) - np.eye(3)).max() < 0.2  # drawn apart
     for values, low, high in zip(commands.T, (1.0, 0.7, 0.1), (3.0, 1.4, 0.5), strict=True):
         assert low <= values.min() < low + 0.05 * (high - low)

@@ -133,10 +133,10 @@ def test_apexes_of_whole_flights() -> None:
 def test_a_jump_is_paid_by_its_apex(compose_config: Composer) -> None:
     """Controllers of one number that jump to what they are asked for earn all; what no gait asks for costs nothing."""
     jumping = search_of(compose_config(*SMALL, "teacher=jumping", "teacher.population=8"))
-    assert [task.apex for task in jumping.tasks] == pytest.approx([0.1, 0.2, 0.3, 0.4, 0.5])
-    assert [span.column for span in jumping.spans] == ["target_apex"]
+    assert [task.apex for task in jumping.tasks] == pytest.approx([0.1, 0.175, 0.25, 0.325, 0.4])
+    assert [span.column for span in jumping.spans] == ["target_takeoff_velocity"]
     observation, _ = jumping.tasks[-1].env.reset(seed=0)
-    assert observation[0, COLUMNS["target_apex"]] == pytest.approx(jumping.spans[0].high)
+    assert observation[0, COLUMNS["target_takeoff_velocity"]] == pytest.approx(jumping.spans[0].high)
     perfect = Tries(*(np.full((5, 8, 2), value) for value in (1.0, 0.0, 0.0, 0.5, 0.0, 0.0)))
     assert jumping.paid(perfect) == pytest.approx(1.0)
     assert jumping.paid(perfect._replace(apex_error=perfect.flight * 0.2)) == pytest.approx(np.exp(-1.0))
@@ -240,7 +240,7 @@ def test_a_whole_search_finds_jumps(compose_config: Composer, tmp_path: Path) ->
     teacher.run(compose_config("teacher=jumping", "threads=1"), {}, tmp_path, SilentLog())
     row = pd.read_csv(tmp_path / "gait.csv").iloc[2]
     assert row.falls <= 5
-    assert row.jump_apex_m == pytest.approx(0.3, abs=0.03)
+    assert row.jump_apex_m == pytest.approx(0.25, abs=0.03)
     assert row.jump_apex_error_m < 0.04
 
 

@@ -84,7 +84,7 @@ void Environment::observe_full(float* o) const {
     }
     put(26, walker_.stiffness_share());
     put(27, walker_.touchdown_age() * rate);
-    put(28, episode_.apex / length);
+    put(28, std::sqrt(2.0 * episode_.apex / length));
 }
 
 void Environment::observe(float* observation) const {

@@ -205,7 +205,7 @@ void NativeWorlds::write(int world, const View& view, float* observation, float*
     }
     put(26, g.stiffness_share[n]);
     put(27, g.touchdown_age[n] * rate);
-    put(28, episodes_[world].apex / length);
+    put(28, std::sqrt(2.0 * episodes_[world].apex / length));
     write_observation(parameters_, o, observation + size_ * world);
 }
 

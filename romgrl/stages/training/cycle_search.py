@@ -157,6 +157,6 @@ def spans_of(teacher: CMAESTeacher, speed_unit: float, leg_length: float) -> lis
     if teacher.stiffness_shares is not None:
         spans.append(Span("stiffness_share", *teacher.stiffness_shares))
     if teacher.apexes is not None:
-        least, most = teacher.apexes
-        spans.append(Span("target_apex", least / leg_length, most / leg_length))
+        least, most = np.sqrt(2.0 * np.array(teacher.apexes) / leg_length).tolist()
+        spans.append(Span("target_takeoff_velocity", least, most))
     return [span for span in spans if span.high > span.low]
