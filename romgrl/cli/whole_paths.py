@@ -15,7 +15,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from romgrl.config.addresses import absolute, absolute_address
 
-PATHS = ("paths.outputs", "humanoid.xml", "hydra.run.dir", "hydra.sweep.dir", "hydra.sweeper.storage")
+PATHS = ("paths.outputs", "humanoid.xml", "teacher.cycles", "hydra.run.dir", "hydra.sweep.dir", "hydra.sweeper.storage")
 ADDRESSES = ("tracking.uri",)
 BESIDE_PRESETS = ("humanoid.xml",)  # files that a preset may bring
 

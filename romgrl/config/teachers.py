@@ -109,6 +109,12 @@ class PPOTeacher(Teacher):
         high=1_000_000,
     )
     mirror: bool = key("true: half of each minibatch is left-right mirrored")
+    cycles: str | None = key(
+        "directory of a finished teacher by algorithm=cmaes, of the same rom and gait, on whose cycles episodes of the "
+        "training begin, asked for what the cycle was; null: none",
+        before=None,
+    )
+    cycle_resets: float = key("share of the episodes that begin there; the rest as ever", low=0, high=1, before=0.0)
     check_steps: int = key(
         "environment steps between two checks of the speed that the policy comes to in the long run, over the second "
         "half of a training; the last one that holds it within 3 % is kept, else the nearest; 0: none, the last "

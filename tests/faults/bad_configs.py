@@ -254,6 +254,8 @@ MISFITS = (
     ("teacher.speeds", "teacher=pretrained teacher.speeds=[2,5]"),
     ("teacher.command_steps", "teacher.command_steps=60"),
     ("teacher.algorithm", "teacher=cmaes rom=running"),
+    ("teacher.cycles", "teacher.cycles=/no/such/place teacher.cycle_resets=0.5"),
+    ("teacher.cycle_resets", "teacher.cycle_resets=0.5"),
     ("library.stiffness_shares", "stage=library teacher=variable_running library.stiffness_shares=[0.5,1]"),
     ("teacher.reward", "teacher=cmaes teacher.reward=forward_velocity"),
     ("teacher.command_steps", "teacher=cmaes teacher.speeds=[2,4] teacher.command_steps=30"),
