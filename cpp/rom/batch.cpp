@@ -14,7 +14,7 @@ Batch::Batch(const Parameters& parameters, int worlds, int threads)
     validate(parameters);
     if (worlds < 1 || worlds > 100000) throw std::invalid_argument("the number of worlds must be 1 to 100000");
     if (threads < 1 || threads > 1024) throw std::invalid_argument("the number of threads must be 1 to 1024");
-    worlds_ = parameters.engine_is_native ? native_worlds(parameters, worlds) : box2d_worlds(parameters, worlds);
+    worlds_ = parameters.engine_is_native ? native_worlds(parameters, worlds, bank_) : box2d_worlds(parameters, worlds, bank_);
     const int blocks = (worlds + worlds_->block() - 1) / worlds_->block();
     pool_ = std::make_unique<Pool>(std::min(threads, blocks));
     owner_ = getpid();

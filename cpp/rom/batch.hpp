@@ -25,10 +25,13 @@ class Batch {
     void place(int world, const Pose& pose);
     void save(double* states) const;
     void restore(const double* states);  // all or nothing
+    // From now on a share of the episodes begins in one of the states.
+    void begin_in(const double* states, int count, double share) { bank_.fill(states, count, share); }
 
   private:
     int count_, observation_size_, action_size_;
-    std::unique_ptr<Worlds> worlds_;
+    ResetBank bank_;
+    std::unique_ptr<Worlds> worlds_;  // which read the bank
     std::unique_ptr<Pool> pool_;
     int owner_ = 0;  // process
 };

@@ -79,7 +79,8 @@ class Worlds {
     virtual void restore(int world, const double* state) = 0;  // is_state() holds
 };
 
-std::unique_ptr<Worlds> box2d_worlds(const Parameters& parameters, int worlds);
-std::unique_ptr<Worlds> native_worlds(const Parameters& parameters, int worlds);
+// The bank outlives the worlds; it changes between their steps alone.
+std::unique_ptr<Worlds> box2d_worlds(const Parameters& parameters, int worlds, const ResetBank& bank);
+std::unique_ptr<Worlds> native_worlds(const Parameters& parameters, int worlds, const ResetBank& bank);
 
 }  // namespace romgrl

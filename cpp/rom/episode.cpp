@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <stdexcept>
 
 #include "common/counter_random.hpp"
 
@@ -11,6 +12,7 @@ namespace {
 constexpr double kTouch = 1e-4;  // m; feet start this deep in the ground, so that rounding cannot lift them
 constexpr std::uint64_t kCommandDraws = 4;  // index of the first draw of a command; those before it are of the start
 constexpr std::uint64_t kApexDraws = std::uint64_t{1} << 32;
+constexpr std::uint64_t kBankDraws = 1ULL << 62;  // beyond those of any command
 constexpr double kLargestInteger = 9007199254740992.0;  // 2^53
 
 // A leg whose foot rests on the ground while the trunk moves.
@@ -74,6 +76,38 @@ void Episode::begin(const Parameters& p, double* state) {
     state[21] = front == 0 ? 1.0 : -1.0;
     state[22] = draw(kCommandDraws + 1, p.stiffness_share_low, p.stiffness_share_high);
     ++number;
+}
+
+// A state goes on as if its world had not stopped, but with the clock, the number and the random stream of this episode.
+void Episode::begin(const Parameters& p, const ResetBank& bank, double* state) {
+    if (bank.share == 0.0 || uniform(seed, world, number, kBankDraws) >= bank.share) {
+        begin(p, state);
+        return;
+    }
+    const std::size_t rows = bank.states.size() / kState;
+    const double drawn = uniform(seed, world, number, kBankDraws + 1) * static_cast<double>(rows);
+    const double* row = bank.states.data() + kState * std::min(static_cast<std::size_t>(drawn), rows - 1);
+    std::copy_n(row, kWalkerState, state);
+    std::copy_n(row + kWalkerState, kMostActions, previous_action.begin());
+    speed = row[kWalkerState + kMostActions];
+    apex = row[kState - 1];
+    steps = 0;
+    ++number;
+}
+
+void ResetBank::fill(const double* rows, std::size_t count, double of_episodes) {
+    if (count == 0) throw std::invalid_argument("a bank needs a state at least");
+    if (!(of_episodes >= 0.0 && of_episodes <= 1.0)) throw std::invalid_argument("the share of a bank must be 0 to 1");
+    for (std::size_t row = 0; row < count; ++row) {
+        if (!is_state(rows + kState * row)) throw std::invalid_argument("the numbers are not a saved state");
+    }
+    states.assign(rows, rows + kState * count);
+    for (std::size_t row = 0; row < count; ++row) {
+        double* state = states.data() + kState * row;
+        state[20] -= state[19];  // an episode begins at the origin
+        state[19] = 0.0;
+    }
+    share = of_episodes;
 }
 
 void Episode::save(double* numbers) const {

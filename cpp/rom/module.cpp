@@ -120,6 +120,12 @@ void restore(Batch& batch, py::array states) {
     batch.restore(values);
 }
 
+void begin_in(Batch& batch, py::array states, double share) {
+    const py::ssize_t rows = states.ndim() == 2 ? states.shape(0) : 0;
+    const double* values = data<double>(states, "states", rows, romgrl::kState, false);
+    batch.begin_in(values, static_cast<int>(rows), share);
+}
+
 void bind_parameters(py::module_& module) {
     py::class_<Parameters> c(module, "Parameters");
     c.def(py::init<>());
@@ -176,5 +182,6 @@ PYBIND11_MODULE(_core, module) {
         .def("observe", &observe, py::arg("observation"), py::arg("features"), py::arg("contact"))
         .def("place", &Batch::place, py::arg("world"), py::arg("pose"))
         .def("save", &save)
-        .def("restore", &restore, py::arg("states"));
+        .def("restore", &restore, py::arg("states"))
+        .def("begin_in", &begin_in, py::arg("states"), py::arg("share"));
 }

@@ -15,6 +15,7 @@ from typing import Any
 from omegaconf import OmegaConf
 
 from romgrl.cli.config_files import CONF
+from romgrl.cli.cycle_resets import CYCLE_CHECKS
 from romgrl.cli.locations import is_file, is_readable, outputs_directory, tracking_store
 from romgrl.cli.other_libraries import OTHER_LIBRARIES_KEYS, other_libraries
 from romgrl.cli.reduced_order_models import ROM_KEYS, reduced_order_model
@@ -285,6 +286,7 @@ CHECKS: tuple[tuple[tuple[str, ...], Callable[[Config], Iterator[str]]], ...] = 
     (CRITIC, critic),
     (ROM_KEYS, reduced_order_model),
     (("humanoid.xml", "humanoid.skeleton", "humanoid.actuation"), humanoid_file),
+    *CYCLE_CHECKS,
     (("paths.outputs",), outputs_directory),
     (("tracking.enabled", "tracking.uri", "tracking.experiment", "paths.outputs"), tracking_store),
     (PRETRAINED, pretrained),

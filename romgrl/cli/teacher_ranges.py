@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from romgrl.cli.reduced_order_models import ROM_KEYS, composed_parameters
 from romgrl.config.schema import Config
+from romgrl.config.teachers import COMMANDS
 from romgrl.config.values import refusal, show, value_of
 
 MOTORS = "variable_leg"
@@ -15,11 +16,7 @@ JUMPING = "jump"
 OF_OTHERS = {"teacher.apex": 0.0, "teacher.apexes": None}
 OF_SEARCH = {"teacher.reward": "exponential", "teacher.command_steps": 0, "teacher.pretrained": False}
 OF_COMMANDS = {"teacher.speeds": None, "teacher.work_cost": 0.0}
-RANGES = {
-    "teacher.speed": "teacher.speeds",
-    "teacher.stiffness_share": "teacher.stiffness_shares",
-    "teacher.apex": "teacher.apexes",
-}
+RANGES = {f"teacher.{name}": f"teacher.{of}" for name, of in COMMANDS.items()}
 
 
 def asked_within_range(config: Config) -> Iterator[str]:

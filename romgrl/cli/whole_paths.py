@@ -18,6 +18,7 @@ from romgrl.config.addresses import absolute, absolute_address
 PATHS = (
     "paths.outputs",
     "humanoid.xml",
+    "teacher.cycles",
     "library.others",
     "hydra.run.dir",
     "hydra.sweep.dir",

@@ -78,9 +78,13 @@ class Teacher:
     pretrained: bool = key("true: nothing is trained; the teacher that ships with the package is taken")
 
 
+COMMANDS = {"speed": "speeds", "stiffness_share": "stiffness_shares", "apex": "apexes"}
+"""What a teacher is asked for, and the keys of the ranges that it can learn of it."""
+
+
 def has_range(teacher: Teacher) -> bool:
     """Whether it learns to follow more than one command."""
-    return any(ends is not None for ends in (teacher.speeds, teacher.stiffness_shares, teacher.apexes))
+    return any(getattr(teacher, of) is not None for of in COMMANDS.values())
 
 
 @dataclass
@@ -129,6 +133,12 @@ class PPOTeacher(Teacher):
         high=1_000_000,
     )
     mirror: bool = key("true: half of each minibatch is left-right mirrored")
+    cycles: str | None = key(
+        "directory of a finished teacher by algorithm=cmaes, of the same rom and gait, on whose cycles episodes of the "
+        "training begin, asked for what the cycle was; null: none",
+        before=None,
+    )
+    cycle_resets: float = key("share of the episodes that begin there; the rest as ever", low=0, high=1, before=0.0)
     check_steps: int = key(
         "environment steps between two checks of the speed that the policy comes to in the long run, over the second "
         "half of a training; the last one that holds it within 3 % is kept, else the nearest; 0: none, the last "

@@ -9,6 +9,7 @@ from dataclasses import Field, fields, is_dataclass
 from functools import cache
 from typing import Any, NamedTuple
 
+from romgrl.config.fields import MISSING
 from romgrl.config.schema import PRESETS, Config
 from romgrl.errors import LONGEST, one_line
 
@@ -98,6 +99,13 @@ def schema_groups() -> list[str]:
 def key_groups() -> list[str]:
     """The groups that have keys of their own."""
     return [*dict.fromkeys(name.partition(".")[0] for name in schema_keys() if "." in name)]
+
+
+def as_before(key: str, value: Any) -> bool:
+    """Tell whether a value of a key is what artifacts were made with before the key was there."""
+    entry = schema_keys().get(key)
+    before = MISSING if entry is None else entry.metadata["before"]
+    return before is not MISSING and (value in before if isinstance(before, tuple) else bool(before == value))
 
 
 def value_of(config: Any, key: str) -> Any:

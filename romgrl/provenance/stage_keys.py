@@ -12,9 +12,11 @@ from typing import Any
 
 from romgrl.artifacts import read_manifest
 from romgrl.config.schema import Config
+from romgrl.config.teachers import COMMANDS
 from romgrl.config.values import value_of
 from romgrl.config.worlds import Humanoid
 from romgrl.errors import ArtifactError
+from romgrl.provenance.cycles import cycle_identity
 from romgrl.provenance.shipped import GROUPS, is_pretrained, shipped, shipped_digest
 from romgrl.provenance.source_digest import source_digest
 from romgrl.provenance.stage_graph import STAGES
@@ -36,7 +38,10 @@ def stage_config(stage: str, config: Config) -> Config:
 
 
 def stage_settings(stage: str, config: Config) -> dict[str, Any]:
-    """The keys that the stage depends on, with their values; a model file counts as what it describes."""
+    """The keys that the stage depends on, with their values; a model file counts as what it describes.
+
+    Cycles count as the teacher that they are of. Raises ArtifactError where that is none.
+    """
     if is_pretrained(stage, config):
         return pretrained_settings(stage)
     config = stage_config(stage, config)
@@ -46,7 +51,7 @@ def stage_settings(stage: str, config: Config) -> dict[str, Any]:
         nested = hasattr(value, "__dataclass_fields__")
         settings |= {f"{key}.{name}": item for name, item in asdict(value).items()} if nested else {key: value}
     if stage in ("teacher", "library"):  # of a range, both are the same whichever of it is asked for later
-        for name, of in (("speed", "speeds"), ("stiffness_share", "stiffness_shares"), ("apex", "apexes")):
+        for name, of in COMMANDS.items():
             if settings[f"teacher.{of}"] is not None:
                 del settings[f"teacher.{name}"]
     if settings.get("library.others") is not None:
@@ -54,6 +59,8 @@ def stage_settings(stage: str, config: Config) -> dict[str, Any]:
     if stage == "student" and not config.discriminator.enabled:
         settings = {name: value for name, value in settings.items() if not name.startswith("discriminator.")}
         settings["discriminator.enabled"] = False
+    if settings.get("teacher.cycles") is not None:
+        settings["teacher.cycles"] = cycle_identity(settings["teacher.cycles"])
     if settings.get("humanoid.xml") is not None:
         del settings["humanoid.xml"]
         settings |= body_settings(stage, config)

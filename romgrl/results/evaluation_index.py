@@ -11,9 +11,8 @@ from typing import Any
 
 from romgrl.artifacts import Manifest, read_manifest
 from romgrl.config.addresses import keeps_numbers
-from romgrl.config.fields import MISSING
 from romgrl.config.schema import Config
-from romgrl.config.values import schema_keys, show
+from romgrl.config.values import as_before, show
 from romgrl.errors import ArtifactError
 from romgrl.gait.null_models import OVER_VARIANCE
 from romgrl.provenance.stage_graph import STAGES, upstream_of
@@ -192,13 +191,6 @@ def differing(had: Settings, wanted: Settings) -> Iterator[tuple[str, str]]:
             yield key, f"{key} {show(had[key])}, which is no key any more"
         elif had[key] != wanted[key]:
             yield key, f"{key} {show(had[key])} instead of {show(wanted[key])}"
-
-
-def as_before(key: str, value: Any) -> bool:
-    """Tell whether a value of a key is what artifacts were made with before the key was there."""
-    entry = schema_keys().get(key)
-    before = MISSING if entry is None else entry.metadata["before"]
-    return before is not MISSING and (value in before if isinstance(before, tuple) else bool(before == value))
 
 
 def simplified(settings: Mapping[str, Any]) -> Settings:

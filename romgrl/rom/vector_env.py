@@ -192,6 +192,14 @@ class SpringLegVectorEnv(VectorEnv[Array, Array, Array]):
         self._observe()
         return self._observation, self._info.copy()
 
+    def begin_in(self, states: NDArray[np.float64], share: float) -> None:
+        """From now on let a share of all episodes begin in one of these states (M, S) of `save`, drawn for each.
+
+        A state keeps its command and last action; clock, number and random stream are those of the episode. No bank is
+        part of `save`. Raises ValueError, and changes nothing, for what are no states and no share.
+        """
+        self._batch.begin_in(np.ascontiguousarray(states), share)
+
     def place(self, world: int, pose: _core.Pose) -> tuple[Array, dict[str, Any]]:
         """Put one world into a pose at the start of an episode."""
         self._batch.place(world, pose)

@@ -256,6 +256,8 @@ MISFITS = (
     ("teacher.speeds", "teacher=pretrained teacher.speeds=[2,5]"),
     ("teacher.command_steps", "teacher.command_steps=60"),
     ("teacher.algorithm", "teacher=cmaes rom=running"),
+    ("teacher.cycles", "teacher.cycles=/no/such/place teacher.cycle_resets=0.5"),
+    ("teacher.cycle_resets", "teacher.cycle_resets=0.5"),
     ("library.stiffness_shares", "stage=library teacher=variable_running library.stiffness_shares=[0.5,1]"),
     ("library.others", "stage=library library.others=[/no/such/library]"),
     ("teacher.apex", "teacher=hopping teacher.apex=0.3"),

@@ -15,6 +15,7 @@ from romgrl.provenance.stage_graph import STAGES
 from romgrl.provenance.stage_keys import NAME_KEYS, stage_key
 from tests.conftest import Composer
 from tests.helpers.configurations import all_keys, with_value
+from tests.helpers.cycles import write_cycles
 from tests.helpers.synthetic_library import synthetic_library, write_library
 from tests.helpers.untrained import write_shipped
 from tests.provenance.test_stage_keys import different
@@ -55,9 +56,12 @@ def test_every_leaf_is_semantic_or_cosmetic(
 
 
 def changed_value(config: Config, key: str, directory: Path) -> object:
-    """Another value; a file that exists where the key names one."""
+    """Another value; a file or an artifact that exists where the key names one."""
     if key == "library.others":
         return [write_library(directory / "library", *synthetic_library())]
+    if key == "teacher.cycles":
+        write_cycles(directory / "cycles", config)
+        return str(directory / "cycles")
     if key != "humanoid.xml":
         return different(value_of(config, key))
     spec = human_spec(height=1.741, mass=73.0)
@@ -128,6 +132,7 @@ EDITED = {
     "provenance/stage_keys.py": set(),
     "provenance/stage_graph.py": set(),
     "provenance/library_grid.py": {"library"},
+    "provenance/cycles.py": {"teacher"},
     "tracking/recorder.py": set(),
     "tracking/sending/store.py": set(),
     "rom/vector_env.py": ROM_RUNS | {"report"},
@@ -164,6 +169,7 @@ EDITED = {
     "stages/wiring/rom.py": ROM_RUNS | {"report"},
     "stages/wiring/humanoid.py": HUMANOID_RUNS,
     "stages/wiring/artifact_arrays.py": TRAINED | {"evaluation", "report", "robustness"},
+    "stages/training/cycle_bank.py": {"teacher"},
     "stages/training/gait_check.py": TRAINED,
     "stages/training/adapted_eta.py": TRAINED,
     "stages/training/student_statistics.py": TRAINED,

@@ -40,7 +40,7 @@ def test_what_is_asked(compose_config: Composer, ranging: Config) -> None:
     assert asked(jumping) == Commands((0.0, 0.0), apex=(0.3, 0.3))
     assert asked_in_training(jumping) == Commands((0.0, 0.0), apex=(0.1, 0.4))
     assert [name_of_task(task) for task in checked_tasks(jumping)][::2] == [
-        f"teacher to {x} m" for x in (0.1, 0.3, 0.5)
+        f"teacher to {apex} m" for apex in (0.1, 0.25, 0.4)
     ]
     tasks = checked_tasks(ranging)
     speeds, shares = np.array([(task.teacher.speed, task.teacher.stiffness_share) for task in tasks]).T

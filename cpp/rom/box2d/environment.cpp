@@ -5,15 +5,15 @@
 
 namespace romgrl {
 
-Environment::Environment(const Parameters& parameters, std::uint64_t index)
-    : parameters_(parameters), walker_(parameters) {
+Environment::Environment(const Parameters& parameters, std::uint64_t index, const ResetBank& bank)
+    : parameters_(parameters), bank_(bank), walker_(parameters) {
     episode_.world = index;
     reset();
 }
 
 void Environment::reset() {
     std::array<double, kWalkerState> state{};
-    episode_.begin(parameters_, state.data());
+    episode_.begin(parameters_, bank_, state.data());
     walker_.place(state.data());
 }
 

@@ -19,7 +19,7 @@ struct Outcome {
 
 class Environment {
   public:
-    Environment(const Parameters& parameters, std::uint64_t index);
+    Environment(const Parameters& parameters, std::uint64_t index, const ResetBank& bank);
 
     void seed(std::uint64_t value) { episode_.restart(value); }
     void reset();  // places the next random episode
@@ -40,6 +40,7 @@ class Environment {
     void observe_full(float* observation) const;
 
     Parameters parameters_;
+    const ResetBank& bank_;
     Walker walker_;
     Episode episode_;
 };

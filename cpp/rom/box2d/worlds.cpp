@@ -13,7 +13,8 @@ void warm_up() {
     static std::once_flag once;
     std::call_once(once, [] {
         const Parameters parameters;
-        Environment environment(parameters, 0);
+        const ResetBank bank;
+        Environment environment(parameters, 0, bank);
         Pose pose;
         pose.y = 0.9;
         pose.leg_length.fill(parameters.leg_length);
@@ -25,12 +26,12 @@ void warm_up() {
 
 class Box2DWorlds : public Worlds {
   public:
-    Box2DWorlds(const Parameters& parameters, int worlds)
+    Box2DWorlds(const Parameters& parameters, int worlds, const ResetBank& bank)
         : size_(observation_size(parameters)), actions_(action_size(parameters)) {
         warm_up();
         environments_.reserve(worlds);
         for (int i = 0; i < worlds; ++i) {
-            environments_.push_back(std::make_unique<Environment>(parameters, static_cast<std::uint64_t>(i)));
+            environments_.push_back(std::make_unique<Environment>(parameters, static_cast<std::uint64_t>(i), bank));
         }
     }
 
@@ -94,8 +95,8 @@ class Box2DWorlds : public Worlds {
 
 }  // namespace
 
-std::unique_ptr<Worlds> box2d_worlds(const Parameters& parameters, int worlds) {
-    return std::make_unique<Box2DWorlds>(parameters, worlds);
+std::unique_ptr<Worlds> box2d_worlds(const Parameters& parameters, int worlds, const ResetBank& bank) {
+    return std::make_unique<Box2DWorlds>(parameters, worlds, bank);
 }
 
 }  // namespace romgrl

@@ -11,8 +11,9 @@ namespace {
 
 class NativeWorlds : public Worlds {
   public:
-    NativeWorlds(const Parameters& parameters, int worlds)
+    NativeWorlds(const Parameters& parameters, int worlds, const ResetBank& bank)
         : parameters_(parameters),
+          bank_(bank),
           constants_(parameters),
           count_(worlds),
           size_(observation_size(parameters)),
@@ -104,7 +105,7 @@ class NativeWorlds : public Worlds {
 
     void begin(int world) {
         double state[kWalkerState];
-        episodes_[world].begin(parameters_, state);
+        episodes_[world].begin(parameters_, bank_, state);
         put(world, state);
     }
 
@@ -118,6 +119,7 @@ class NativeWorlds : public Worlds {
     void write_contact(int world, const View& view, bool* contact) const;
 
     Parameters parameters_;
+    const ResetBank& bank_;
     NativeConstants constants_;
     int count_, size_, actions_;
     std::vector<Group> groups_;
@@ -218,8 +220,8 @@ void NativeWorlds::write_contact(int world, const View& view, bool* contact) con
 
 }  // namespace
 
-std::unique_ptr<Worlds> native_worlds(const Parameters& parameters, int worlds) {
-    return std::make_unique<NativeWorlds>(parameters, worlds);
+std::unique_ptr<Worlds> native_worlds(const Parameters& parameters, int worlds, const ResetBank& bank) {
+    return std::make_unique<NativeWorlds>(parameters, worlds, bank);
 }
 
 }  // namespace romgrl

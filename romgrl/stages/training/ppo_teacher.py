@@ -21,8 +21,10 @@ from romgrl.artifacts.checkpoint import State
 from romgrl.config.schema import Config
 from romgrl.config.teachers import ppo_keys
 from romgrl.rom.interface import RomVectorEnv
+from romgrl.rom.vector_env import SpringLegVectorEnv
 from romgrl.runtime.stage_log import StageLog
-from romgrl.stages.training.checkpoints import TrainingCheckpoints
+from romgrl.stages.training.checkpoints import Stateful, TrainingCheckpoints
+from romgrl.stages.training.cycle_bank import fill_bank
 from romgrl.stages.training.speed_check import SpeedChecks
 from romgrl.stages.training.teacher_statistics import TeacherTally
 from romgrl.stages.wiring.rom import rom_env
@@ -84,10 +86,14 @@ def train_teacher(
         device=config.device,
     )
     tally = TeacherTally(env.num_envs, teacher.rollout_steps)
+    parts: dict[str, Stateful] = {}
+    if teacher.cycles is not None:
+        assert isinstance(env, SpringLegVectorEnv)
+        parts["cycles"] = fill_bank(config, env, log)
     loop = TeacherLoop(env, env.reset(seed=config.seed)[0])
     checkpoints = TrainingCheckpoints(
         output,
-        {"loop": loop, "ppo": ppo, "tally": tally, "checks": checks},
+        {**parts, "loop": loop, "ppo": ppo, "tally": tally, "checks": checks},
         save_policy=save,
         seconds=config.checkpoint_seconds,
         total=lambda: teacher.total_steps,
