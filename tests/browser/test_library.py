@@ -37,6 +37,7 @@ def page_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """report.html of a library of two gaits at three speeds on two stiffnesses, one cell of which fell."""
     path = tmp_path_factory.mktemp("library") / "report.html"
     table, arrays = synthetic_library(gaits=("walk", "run"), fallen=(REFUSED,))
+    table["foot_radius_m"] = table.gait.map({"walk": 0.07, "run": 0.09})
     write_library_page(path, table, arrays)
     return path
 
@@ -92,7 +93,9 @@ def test_keys_and_choices(opened: Page) -> None:
     assert state(opened)[1] == "2.00 m/s"
     opened.get_by_label("Gait").select_option("walk")
     opened.get_by_label("Stiffness").select_option("0.7")
-    assert opened.evaluate("[line.gait, line.share]") == ["walk", 0.7]
+    assert opened.evaluate("[line.gait, line.share, scene.foot_radius]") == ["walk", 0.7, 0.07]
+    assert opened.evaluate("choose(lines.find((each) => each.gait === 'run').cells[0]), scene.foot_radius") == 0.09
+    opened.evaluate("choose(lines.find((each) => each.gait === 'walk' && each.share === 0.7).cells[0])")
     visible = opened.locator(".grid.footfall figure:visible figcaption").all_inner_texts()
     assert visible == ["walk, stiffness × 0.7"]
     opened.locator("body").click(position={"x": 2, "y": 2})
