@@ -127,6 +127,14 @@ class StrideMap:
         }
         return np.array([next((v for end, v in endings.items() if name.endswith(end)), 1.0) for name in self.names])
 
+    @property
+    def stroke(self) -> tuple[float, ...]:
+        """The ends of what the legs' motors can extend them by, m; none without motors."""
+        if not isinstance(self.parameters, VariableLegParameters):
+            return ()
+        ends = self.parameters.shortest_rest, self.parameters.longest_rest
+        return tuple((end - 1.0) * self.parameters.leg_length for end in ends)
+
     def settled(self, worlds: int, *, strides: int, seed: int) -> Crossing:
         """`worlds` random starts after `strides` strides."""
         env = self._worlds(worlds)

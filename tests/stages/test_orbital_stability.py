@@ -7,7 +7,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from romgrl.rom.parameters import SpringLegParameters
+from romgrl.rom.parameters import SpringLegParameters, VariableLegParameters
 from romgrl.rom.return_map import FOOT, SIDES, Crossing, StrideMap, Walkers
 from romgrl.stages.rollouts import orbital_stability
 from romgrl.stages.rollouts.orbital_stability import free_coordinates, teacher_multipliers
@@ -22,12 +22,13 @@ class Linear:
 
     names = StrideMap(scissors, SpringLegParameters(), speed=4.0, control_frequency=30.0).names
     scales = np.linspace(0.5, 3.0, len(names))
+    stroke = ()
 
     def __init__(self, largest: complex, falls_above: float = np.inf) -> None:
         rng = np.random.default_rng(0)
         size = len(self.names)
         self.matrix = np.zeros((size, size))
-        free = free_coordinates(cast(StrideMap, self), np.array([[False, True]]))
+        free = free_coordinates(cast(StrideMap, self), np.array([[False, True]]), np.zeros((1, size)))
         block = np.diag(np.linspace(0.5, 0.0, int(free.sum())))
         turn = np.array([[largest.real, largest.imag], [-largest.imag, largest.real]])
         block[:2, :2] = turn if largest.imag else np.diag([largest.real, 0.5])
@@ -92,6 +93,21 @@ def real_strides() -> StrideMap:
 
 
 def test_a_foot_that_ever_stands_is_left_alone() -> None:
-    free = free_coordinates(real_strides(), np.array([[False, False], [False, True]]))
+    nowhere = np.zeros((2, len(real_strides().names)))
+    free = free_coordinates(real_strides(), np.array([[False, False], [False, True]]), nowhere)
     left_out = np.array(real_strides().names)[~free].tolist()
     assert left_out == [f"{SIDES[1]}_foot_{name}" for name in FOOT]
+
+
+def test_a_motor_at_an_end_of_its_stroke_is_left_alone() -> None:
+    """A leg that is as short as its motor makes it in one of two worlds cannot be made shorter, and comes back."""
+    parameters = VariableLegParameters(engine="native")
+    stride = StrideMap(
+        lambda o: np.zeros((len(o), 4), np.float32), parameters, speed=4.0, control_frequency=30.0, top=True
+    )
+    assert stride.stroke == pytest.approx((-0.05 * parameters.leg_length, 0.05 * parameters.leg_length))
+    coordinates = np.zeros((2, len(stride.names)))
+    assert free_coordinates(stride, np.zeros((2, 2), bool), coordinates).all()
+    coordinates[1, stride.names.index("right_extension")] = stride.stroke[0]
+    free = free_coordinates(stride, np.zeros((2, 2), bool), coordinates)
+    assert np.array(stride.names)[~free].tolist() == ["right_extension", "right_extension_rate"]

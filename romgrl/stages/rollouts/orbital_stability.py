@@ -15,6 +15,7 @@ Array = NDArray[np.float64]
 DISTURBANCE = 0.04  # of leg length, sqrt(g L0), largest torque and so on; as much as the clock alone moves a gait
 SETTLING_STRIDES = 12
 DECAY_STRIDES = 8
+AT_END = 1e-6  # m
 NO_GAIT = "no gait"
 
 
@@ -35,7 +36,7 @@ def teacher_multipliers(stride: StrideMap, worlds: int = 256, seed: int = 0) -> 
     nothing = [_row(1, 1, complex("nan"), float("nan"), float("nan"), worlds, 0, NO_GAIT)]
     if walking.sum() < 2:
         return pd.DataFrame(nothing)
-    free = free_coordinates(stride, start.contact[walking])
+    free = free_coordinates(stride, start.contact[walking], start.coordinates[walking])
     disturb = _disturber(stride, start.walkers.rows(walking), start.coordinates[walking], free)
     points = (start.coordinates[walking] / stride.scales)[:, free]
     steps = np.full(points.shape[1], DISTURBANCE)
@@ -62,10 +63,15 @@ def verdict(table: pd.DataFrame) -> str:
     return f"teacher: largest multiplier {last.modulus:.3f}, {interval}, over {last.strides} strides: {last.verdict}"
 
 
-def free_coordinates(stride: StrideMap, contact: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Those that can be disturbed on the section (n,): all but y and velocities of a foot that ever stands there."""
-    standing = [f"{SIDES[i]}_foot_{name}" for i in range(len(SIDES)) if contact[:, i].any() for name in FOOT]
-    return np.array([name not in standing for name in stride.names])
+def free_coordinates(stride: StrideMap, contact: NDArray[np.bool_], coordinates: Array) -> NDArray[np.bool_]:
+    """Those that can be disturbed on the section (n,): all but y and velocities of a foot that ever stands there, and
+    the extension and its rate of a leg whose motor is ever at an end of its stroke, which holds it there."""
+    fixed = [f"{SIDES[i]}_foot_{name}" for i in range(len(SIDES)) if contact[:, i].any() for name in FOOT]
+    for side in SIDES:
+        extension = coordinates[:, [name == f"{side}_extension" for name in stride.names]]
+        if any(np.isclose(extension, end, atol=AT_END).any() for end in stride.stroke):
+            fixed += [f"{side}_extension", f"{side}_extension_rate"]
+    return np.array([name not in fixed for name in stride.names])
 
 
 def _disturber(
