@@ -18,6 +18,8 @@ _TRUNK, _LEGS = (55, 65, 81), ((37, 99, 235), (217, 83, 25))  # left blue, right
 _MOTOR = (120, 128, 140)
 MOTOR_LENGTH = 0.4
 """Of a leg's motor as it is drawn, share of the leg length: its rod comes out of it as far as the rest length grows."""
+TRUNK = 0.12
+"""Half of the trunk's side, m."""
 Point = tuple[float, float]
 
 
@@ -62,7 +64,7 @@ def draw(
     """
     values = np.asarray(features, np.float64)
     scale = 0.6 * HEIGHT * _OVERSAMPLING / (parameters.leg_length + parameters.foot_radius)
-    horizon = GROUND * HEIGHT * _OVERSAMPLING
+    horizon = max(GROUND * HEIGHT * _OVERSAMPLING, scale * (values[0] + TRUNK))  # a jump takes the view with it
     centre = 0.5 * WIDTH * _OVERSAMPLING
 
     def pixel(forward: float, up: float) -> Point:
@@ -70,7 +72,8 @@ def draw(
 
     image = Image.new("RGB", (WIDTH * _OVERSAMPLING, HEIGHT * _OVERSAMPLING), _SKY)
     canvas = ImageDraw.Draw(image)
-    canvas.rectangle((0, horizon, WIDTH * _OVERSAMPLING, HEIGHT * _OVERSAMPLING), fill=_GROUND)
+    right, bottom = WIDTH * _OVERSAMPLING, HEIGHT * _OVERSAMPLING
+    canvas.rectangle((0, min(horizon, bottom), right, bottom), fill=_GROUND)
     reach = int(centre / scale) + 1
     for metre in range(math.floor(x) - reach, math.ceil(x) + reach + 1):  # a mark every metre
         mark = pixel(metre - x, 0.0)
@@ -86,7 +89,7 @@ def draw(
         canvas.line(_spring(upper, foot, 0.045 * scale), fill=_LEGS[side], width=6, joint="curve")
         box = (foot[0] - radius, foot[1] - radius, foot[0] + radius, foot[1] + radius)
         canvas.ellipse(box, fill=_LEGS[side] if np.asarray(contact)[side] else _SKY, outline=_LEGS[side], width=6)
-    half = 0.12 * scale
+    half = TRUNK * scale
     canvas.rounded_rectangle((hip[0] - half, hip[1] - half, hip[0] + half, hip[1] + half), half / 3, fill=_TRUNK)
     image = image.resize((WIDTH, HEIGHT), Image.Resampling.BOX)
     return np.asarray(image, np.uint8).copy()

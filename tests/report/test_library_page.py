@@ -193,6 +193,15 @@ def test_the_figure_has_a_panel_for_each_measure_that_is_there(gaits: tuple[str,
     assert labels == [line.label for line in cell_lines(table)]
 
 
+def test_the_highest_trunk_is_in_the_picture(tmp_path: Path) -> None:
+    table, arrays = synthetic_library()
+    low = written(tmp_path, table, arrays)[1]["scene"]["top"]
+    arrays["features"][3, :, 0] += 0.6
+    high = written(tmp_path, table, arrays)[1]["scene"]["top"]
+    assert low == 1.15
+    assert high == pytest.approx(float(arrays["features"][3, :, 0].max()) + 0.12, abs=0.01)
+
+
 def test_jumps_stand_at_their_apexes(tmp_path: Path) -> None:
     """Alone, and beside runs."""
     table, arrays = synthetic_library((2.0, 3.0, 4.0), (1.0,))

@@ -127,3 +127,13 @@ def test_legs_are_drawn_with_their_motors() -> None:
     plain = draw(features, contact, 0.0, worlds.parameters)
     assert not (np.abs(plain.astype(int) - (120, 128, 140)).max(axis=2) < 8).any()
     assert SpringLegEnv()._worlds.extensions(0) is None
+
+
+def test_the_trunk_of_a_jump_stays_in_the_picture() -> None:
+    """As much of it as of one that stands; the ground goes down."""
+    env = VariableLegEnv()
+    parameters, shown = env._worlds.parameters, []
+    for height in (0.94, 1.4, 2.5):
+        picture = draw([height, 0.0, -0.8, 0.0, -0.8], [False, False], 0.0, parameters)
+        shown.append(int((np.abs(picture.astype(int) - (55, 65, 81)).max(axis=2) < 8).sum()))
+    assert shown == pytest.approx([shown[0]] * 3, rel=0.02)

@@ -45,7 +45,7 @@ function show() {
   const [width, height] = [canvas.clientWidth, canvas.clientHeight];
   if (!width || !height) return;
   const [context, walker] = [fitted(canvas, width, height), walkers[cell]];
-  const scale = Math.min((height - 46) / 1.15, width / 1.8);
+  const scale = Math.min((height - 46) / scene.top, width / 1.8);
   const view = { scale, x: (x) => width / 2 + scale * x, y: (y) => height - 30 - scale * y };
   context.font = "11px system-ui, sans-serif";
   drawGround(context, view, gone, width);

@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from romgrl.gait.features import BODY_Y
 from romgrl.report.finished_library import RECORDED
 from romgrl.report.library_cells import ASKED, MEASURED_CELLS, CellLine, cell_lines, goal_text, goals, said_of
 from romgrl.report.numbers import significant
@@ -17,7 +18,9 @@ from romgrl.report.page.html import render_page
 from romgrl.report.page.library_charts import atlas_charts, footfall_charts, line_color
 from romgrl.report.page.scene import recording, rom_points
 from romgrl.report.page.stretches import Stretch, steady_stretch
+from romgrl.rom.drawing import TRUNK
 
+LEAST_TOP = 1.15  # m
 BORDERS = ("solid", "dashed", "dotted", "double")  # of gaits in the legend
 NEIGHBORS = {
     "library.csv": "a row for each cell",
@@ -50,6 +53,7 @@ def write_library_page(path: Path, table: pd.DataFrame, arrays: Mapping[str, NDA
         name="library",
         scene={
             "dt": dt,
+            "top": top_of(stretches),
             "walkers": played_cells(stretches),
             "lines": [
                 {"gait": line.gait, "share": line.share, "color": line_color(line), "cells": line.rows.index.tolist()}
@@ -90,6 +94,12 @@ def played_cells(stretches: Sequence[Stretch | None]) -> dict[str, dict[str, Any
         for cell, stretch in enumerate(stretches)
         if stretch is not None
     }
+
+
+def top_of(stretches: Sequence[Stretch | None]) -> float:
+    """Height of the player's picture, m: of the highest trunk."""
+    highest = (float(stretch.features[:, BODY_Y].max()) for stretch in stretches if stretch is not None)
+    return round(max([LEAST_TOP, *(height + TRUNK for height in highest)]), 3)
 
 
 def first_cell(lines: Sequence[CellLine]) -> int:
