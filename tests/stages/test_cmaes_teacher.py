@@ -21,6 +21,7 @@ from romgrl.rom.phase_policy import COLUMNS, PhasePolicy, Span
 from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import reference, teacher
 from romgrl.stages.training import cmaes_teacher, speed_check
+from romgrl.stages.training.cmaes_teacher import Searches
 from romgrl.stages.training.cycle_measures import UNJUMPED, ApexErrors, TouchdownTimes, Tries
 from romgrl.stages.training.cycle_search import CycleSearch, Task
 from romgrl.stages.wiring.commands import checked_tasks
@@ -169,6 +170,38 @@ def test_the_stage_leaves_a_teachers_artifact(compose_config: Composer, tmp_path
     (tmp_path / "reference").mkdir()
     with pytest.raises(ArtifactError, match="falls"):  # four generations do not walk
         reference.run(config, {"teacher": tmp_path}, tmp_path / "reference", log)
+
+
+@pytest.mark.usefixtures("_short_check")
+@pytest.mark.parametrize("stopped", [2, 7])  # before and after the best of three is chosen
+def test_a_search_that_is_stopped_goes_on_with_the_same_bits(
+    stopped: int, compose_config: Composer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    config = compose_config(*SMALL, "teacher.generations=10", "teacher.scouts=3", "checkpoint_seconds=0.001")
+    for name in ("whole", "cut"):
+        (tmp_path / name).mkdir()
+    whole = SilentLog()
+    cmaes_teacher.train_by_cmaes(config, tmp_path / "whole", whole)
+    made: list[int] = []
+    generation = Searches.generation
+
+    def until_stopped(searches: Searches, number: int) -> dict[str, float]:
+        if number > stopped and not made.count(-1):
+            made.append(-1)
+            raise KeyboardInterrupt
+        made.append(number)
+        return generation(searches, number)
+
+    monkeypatch.setattr(Searches, "generation", until_stopped)
+    cut = SilentLog()
+    with pytest.raises(KeyboardInterrupt):
+        cmaes_teacher.train_by_cmaes(config, tmp_path / "cut", cut)
+    load_phase_policy(tmp_path / "cut" / "policy.safetensors")
+    cmaes_teacher.train_by_cmaes(config, tmp_path / "cut", cut)
+    assert made == [*range(1, stopped + 1), -1, *range(stopped + 1, 11)]
+    assert cut.rows == whole.rows
+    for name in ("policy.safetensors", "checks.csv"):
+        assert (tmp_path / "cut" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
 
 
 @pytest.mark.usefixtures("_short_check")

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import ExitStack, closing
 from operator import itemgetter
 from pathlib import Path
 
+import numpy as np
 import torch
 
+from romgrl.artifacts.checkpoint import State
 from romgrl.config.schema import Config
 from romgrl.config.teachers import CMAESTeacher
 from romgrl.runtime.stage_log import StageLog
+from romgrl.stages.training.checkpoints import TrainingCheckpoints
 from romgrl.stages.training.cycle_search import SHORTER, CycleSearch, Task
 from romgrl.stages.training.speed_check import SpeedChecks
 from romgrl.stages.wiring.commands import checked_tasks
@@ -27,13 +31,49 @@ SEED_STEP = 10_007
 """Between the seeds of searches."""
 
 
-def train_by_cmaes(config: Config, output: Path, log: StageLog) -> None:
-    """Write policy.safetensors, checks.csv and curve.csv (through `log`).
+class Searches:
+    """The searches of a teacher: all of them until SCOUTED of the generations, then the best of them."""
 
-    A search takes less than a checkpoint's time: one that is stopped starts again.
-    """
+    def __init__(self, teacher: CMAESTeacher, tasks: Sequence[Task], seed: int) -> None:
+        self.teacher, self.tasks, self.seed = teacher, tasks, seed
+        self.chosen = min(teacher.generations, round(SCOUTED * teacher.generations))
+        self.going = {number: self.search(number) for number in range(teacher.scouts)}
+
+    def search(self, number: int) -> CycleSearch:
+        """The search of this number, at its beginning."""
+        return CycleSearch(self.teacher, self.tasks, self.seed + SEED_STEP * number)
+
+    @property
+    def first(self) -> CycleSearch:
+        """The one that is checked."""
+        return next(iter(self.going.values()))
+
+    def generation(self, number: int) -> dict[str, float]:
+        """The next generation of all that go on; what the best of them came to."""
+        told = min((search.generation(number) for search in self.going.values()), key=itemgetter("loss"))
+        if number == self.chosen:
+            best = min(self.going, key=lambda each: self.going[each].loss_of_mean())
+            self.going = {best: self.going[best]}
+        return told
+
+    def state(self) -> State:
+        """What the controllers of those that go on lost, nan where nothing is known: all that `restore` needs."""
+        losses = np.full((self.teacher.scouts, self.teacher.generations, self.teacher.population), np.nan)
+        for number, search in self.going.items():
+            losses[number, : len(search.losses)] = search.losses or np.nan
+        return {"made": len(self.first.losses), "numbers": [*self.going], "losses": losses}
+
+    def restore(self, state: State) -> None:
+        """Go on from a state: the generations are learned from again, without a try."""
+        self.going = {int(number): self.search(int(number)) for number in state["numbers"]}
+        for number, search in self.going.items():
+            search.learn_again(np.asarray(state["losses"])[number, : int(state["made"])])
+
+
+def train_by_cmaes(config: Config, output: Path, log: StageLog) -> None:
+    """Write policy.safetensors, checks.csv and curve.csv (through `log`)."""
     torch.set_num_threads(1)
-    teacher = config.teacher
+    teacher, path = config.teacher, output / "policy.safetensors"
     assert isinstance(teacher, CMAESTeacher)
     asked, total = checked_tasks(config), teacher.generations
     checks = max(1, CHECKED_EPISODES // (EPISODES * len(asked)))
@@ -42,15 +82,23 @@ def train_by_cmaes(config: Config, output: Path, log: StageLog) -> None:
     with ExitStack() as stack:
         envs = [stack.enter_context(closing(rom_env(at, num_envs=worlds, episode_steps=steps))) for at in asked]
         tasks = [Task(at.teacher.speed, at.teacher.apex, env) for at, env in zip(asked, envs, strict=True)]
-        searches = [CycleSearch(teacher, tasks, config.seed + SEED_STEP * number) for number in range(teacher.scouts)]
-        chosen = min(total, round(SCOUTED * total))
-        for generation in range(1, total + 1):
-            told = min((each.generation(generation) for each in searches), key=itemgetter("loss"))
-            log.metrics(told, generation)
-            log.progress(generation, total, loss=told["loss"], upright=told["upright"])
-            if generation == chosen:
-                searches = [min(searches, key=CycleSearch.loss_of_mean)]
-            watch.check_if_due(generation, searches[0])
-        search = searches[0]
+        searches = Searches(teacher, tasks, config.seed)
+        checkpoints = TrainingCheckpoints(
+            output,
+            {"searches": searches, "checks": watch},
+            save_policy=lambda: save_phase_policy(path, searches.first.mean_policy()),
+            seconds=config.checkpoint_seconds,
+            total=lambda: total,
+            log=log,
+        )
+        first = checkpoints.resume()
+        with checkpoints.deferring_signals("teacher"):
+            for generation in range(first + 1, total + 1):
+                told = searches.generation(generation)
+                log.metrics(told, generation)
+                log.progress(generation, total, loss=told["loss"], upright=told["upright"])
+                watch.check_if_due(generation, searches.first)
+                checkpoints.save_if_due(generation)
+        search = searches.first
     watch.keep_best(search)
-    save_phase_policy(output / "policy.safetensors", search.mean_policy())
+    save_phase_policy(path, search.mean_policy())

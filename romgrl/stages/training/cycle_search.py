@@ -61,6 +61,7 @@ class CycleSearch:
             mean=np.zeros(len(self.mean)), sigma=teacher.spread, population_size=teacher.population, seed=seed % 2**32
         )
         self.best = self.mean.copy()
+        self.losses: list[Array] = []  # of each generation (population,)
 
     def generation(self, number: int) -> dict[str, float]:
         """Try a population and learn from it; what the best of it came to."""
@@ -69,12 +70,22 @@ class CycleSearch:
         tries = self.tries(self.mean + self.deviation * asked, self.steps_of(done), self.seed + number)
         paid = self.paid(tries)
         lost = self.lost(tries) + LEASH * (asked**2).sum(axis=1)
-        self.cma.tell([(each, float(loss)) for each, loss in zip(asked, lost, strict=True)])
-        self.best = self.mean + self.deviation * self.cma.mean
+        self.learn(asked, lost)
         first = int(np.argmin(lost))
         told = {"loss": lost[first], "reward": paid[:, first].mean(), "limp": tries.limp[:, first].mean()}
         told |= {"flight": tries.flight[:, first].mean(), "upright": tries.upright.mean()}
         return {name: float(value) for name, value in told.items()}
+
+    def learn(self, asked: Array, lost: Array) -> None:
+        """Learn from controllers (C, P), in deviations from the first one, and what they lose (C,)."""
+        self.cma.tell([(each, float(loss)) for each, loss in zip(asked, lost, strict=True)])
+        self.best = self.mean + self.deviation * self.cma.mean
+        self.losses.append(lost)
+
+    def learn_again(self, losses: Array) -> None:
+        """Go through the generations whose losses (G, C) are known, without a try: the search is where it was."""
+        for lost in losses:
+            self.learn(np.array([self.cma.ask() for _ in lost]), lost)
 
     def steps_of(self, done: float) -> int:
         """How long tries are after a share of the search."""
