@@ -27,6 +27,8 @@ ENERGY_MEASURES = (
     "positive_power_without_retraction_w_per_kg",
 )
 """Columns of gait.csv."""
+STRIDING = {False: [LEFT_X, RIGHT_X], True: [BODY_Y]}
+"""The channels whose swings are strides, or hops."""
 SETTLING_TIME = 4.0  # s from reset until a gait is called steady
 
 
@@ -47,9 +49,7 @@ def stride_frequency(features: Floats, dt: float, valid: Bools | None = None, *,
     Control of Human Movement, ch. 3); the swings are counted by `periodicity.frequency`. hops: the body's bounces count
     instead, since the feet of a hop on the spot do not swing.
     """
-    counted = [BODY_Y] if hops else [LEFT_X, RIGHT_X]
-    rates = [frequency(e[:, counted], dt) for e in _episodes(features, valid)]
-    return _nanmedian(rates)
+    return _nanmedian([frequency(e[:, STRIDING[hops]], dt) for e in _episodes(features, valid)])
 
 
 def left_right_correlation(features: Floats, valid: Bools | None = None) -> float:
@@ -83,11 +83,11 @@ def body_height(features: Floats, valid: Bools | None = None) -> float:
     return _masked_mean(features[..., BODY_Y], valid)
 
 
-def body_excursion(features: Floats, dt: float, valid: Bools | None = None) -> float:
-    """Highest minus lowest body height within a stride, mean over strides, m."""
+def body_excursion(features: Floats, dt: float, valid: Bools | None = None, *, hops: bool = False) -> float:
+    """Highest minus lowest body height within a stride, or a bounce where it hops, mean over strides, m."""
     values = []
     for episode in _episodes(features, valid):
-        rate = frequency(episode[:, [LEFT_X, RIGHT_X]], dt)
+        rate = frequency(episode[:, STRIDING[hops]], dt)
         if np.isfinite(rate):
             length = round(1.0 / (rate * dt))
             strides = episode[: len(episode) // length * length, BODY_Y].reshape(-1, length)
@@ -223,7 +223,7 @@ def describe(gait: Gait, *, target_speed: float, mass: float | None = None, hops
         "left_right_symmetry": left_right_symmetry(features, dt, valid),
         "touchdown_phase_strides": phase,
         "pelvis_height_m": body_height(features, valid),
-        "pelvis_excursion_m": body_excursion(features, dt, valid),
+        "pelvis_excursion_m": body_excursion(features, dt, valid, hops=hops),
         "trunk_lean_deg": nan if gait.trunk_lean is None else trunk_lean_degrees(gait.trunk_lean, valid),
     }
     return row | describe_energy(gait, valid, mass) | describe_loads(gait.loads, valid, dt)

@@ -31,6 +31,8 @@ def test_hops_on_the_spot_are_counted_by_the_bounces_of_the_body() -> None:
     hop[..., BODY_Y] = 0.9 + 0.1 * np.cos(2 * np.pi * 2.1 * DT * np.arange(300))
     assert np.isnan(metrics.stride_frequency(hop, DT))
     assert metrics.stride_frequency(hop, DT, hops=True) == pytest.approx(2.1, rel=0.005)
+    assert np.isnan(metrics.body_excursion(hop, DT))
+    assert metrics.body_excursion(hop, DT, hops=True) == pytest.approx(0.2, abs=0.01)
 
 
 def test_stride_frequency_counts_strides_of_different_length() -> None:
