@@ -16,7 +16,7 @@ from romgrl.results.__main__ import exit_code, path
 from romgrl.results.evaluation_index import Catalogue, artifact_place, catalogue, manifest_of, other_name, trace
 from romgrl.results.kept import KEPT_TABLES, KEPT_TEXT, open_numbers
 from romgrl.results.sweep_cells import located
-from romgrl.results.sweep_record import JOBS, PRIVATE, SWEEP, JobEnd, Sweep, public, read_sweep, settings, sweeps
+from romgrl.results.sweep_record import JOBS, SWEEP, JobEnd, Sweep, public, public_words, read_sweep, settings, sweeps
 from romgrl.runtime.display import protect
 
 
@@ -120,7 +120,7 @@ def record_files(sweep: Sweep, outputs: Path, place: Path, names: Mapping[Path, 
         if (before.name, before.started) != (sweep.name, sweep.started) or any(end not in ends for end in before.ends):
             raise ArtifactError(f"{place / directory}: keeps another sweep; keep {outputs} in another directory")
     document = json.loads((sweep.directory / SWEEP).read_text(encoding="utf-8"))
-    document |= {"command": public(sweep.command), "jobs": [impersonal(job) for job in sweep.jobs]}
+    document |= {"command": public(sweep.command), "jobs": [public_words(job) for job in sweep.jobs]}
     return {
         directory / JOBS: "".join(json.dumps(asdict(end)) + "\n" for end in ends).encode(),
         directory / SWEEP: (json.dumps(document, indent=1) + "\n").encode(),
@@ -132,12 +132,7 @@ def plain(end: JobEnd, outputs: Path, names: Mapping[Path, Path]) -> JobEnd:
     made = {stage: Path("artifacts", *Path(path).parts[-2:]) for stage, path in end.artifacts.items()}
     places = {stage: str(names.get(path, path)) for stage, path in made.items()}
     error = None if end.error is None else end.error.replace(f"{outputs}/", "")
-    return replace(end, overrides=impersonal(end.overrides), artifacts=places, error=error)
-
-
-def impersonal(overrides: Sequence[str]) -> list[str]:
-    """The overrides that are not about a machine."""
-    return [text for text in overrides if text.lstrip("+").partition("=")[0].partition(".")[0] not in PRIVATE]
+    return replace(end, overrides=public_words(end.overrides), artifacts=places, error=error)
 
 
 if __name__ == "__main__":

@@ -101,16 +101,21 @@ def settings(overrides: Sequence[str]) -> dict[str, str]:
 
 def public(command: str) -> str:
     """A command without what is about one machine."""
-    words = []
     try:
         parts = shlex.split(command)
     except ValueError:  # an open quotation
         parts = command.split()
-    for word in parts:
+    return shlex.join(public_words(parts))
+
+
+def public_words(words: Sequence[str]) -> list[str]:
+    """Words of a command without those that are about one machine, and without the places of files."""
+    found = []
+    for word in words:
         key, equals, value = word.partition("=")
         if key.lstrip("+").partition(".")[0] not in PRIVATE:
-            words.append(f"{key}{equals}{last_part(value)}" if equals else last_part(word))
-    return shlex.join(words)
+            found.append(f"{key}{equals}{last_part(value)}" if equals else last_part(word))
+    return found
 
 
 def last_part(text: str) -> str:

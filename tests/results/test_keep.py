@@ -72,6 +72,16 @@ def test_documents_are_the_same(outputs: Path, default_config: Config, tmp_path:
     assert any("4 seeds" in line for line in seeds), seeds
 
 
+def test_no_place_of_a_file_is_kept(default_config: Config, tmp_path: Path) -> None:
+    """Of a body of one's own its name alone."""
+    outputs, kept, body = tmp_path / "outputs", tmp_path / "numbers", tmp_path / "bodies" / "robot.xml"
+    stored(outputs, default_config, "a", "paper", {"seed": ["5"], "humanoid.xml": [str(body)]})
+    assert keep([str(outputs), str(kept)]) == 0
+    records = [path.read_text(encoding="utf-8") for path in (kept / "sweeps").rglob("*.json*")]
+    assert all("humanoid.xml=robot.xml" in text and "bodies" not in text for text in records)
+    assert len(records) == 2
+
+
 @pytest.mark.parametrize(("damage", "told"), [("change", "SHA-256"), ("remove", "missing")])
 def test_a_table_that_is_not_as_it_was_is_told(outputs: Path, tmp_path: Path, damage: str, told: str) -> None:
     kept = tmp_path / "numbers"
