@@ -13,9 +13,13 @@ from romgrl.config.values import refusal, show, value_of
 MOTORS = "variable_leg"
 OF_MOTORS = {"teacher.stiffness_share": 1.0, "teacher.stiffness_shares": None}
 JUMPING = "jump"
+OF_JUMPING = ("teacher", "reference", "library")
+"""The stages that know of an apex."""
+LARGEST_LIBRARY = 10_000  # cells
 OF_OTHERS = {"teacher.apex": 0.0, "teacher.apexes": None}
 OF_SEARCH = {"teacher.reward": "exponential", "teacher.command_steps": 0, "teacher.pretrained": False}
 OF_COMMANDS = {"teacher.speeds": None, "teacher.work_cost": 0.0}
+STEPS = {"library.speed_step": "teacher.speeds", "library.apex_step": "teacher.apexes"}
 RANGES = {f"teacher.{name}": f"teacher.{of}" for name, of in COMMANDS.items()}
 
 
@@ -40,6 +44,14 @@ def library_within_range(config: Config) -> Iterator[str]:
     learned, shares = config.teacher.stiffness_shares, config.library.stiffness_shares
     if config.stage == "library" and learned is not None and not learned[0] <= min(shares) <= max(shares) <= learned[1]:
         yield refusal("library.stiffness_shares", shares, f"within teacher.stiffness_shares = {show(learned)}")
+
+
+def size_of_library(config: Config) -> Iterator[str]:
+    """The cells of a library can be made."""
+    for step, of in STEPS.items():
+        ends, value = value_of(config, of), value_of(config, step)
+        if config.stage == "library" and ends is not None and not (ends[1] - ends[0]) / LARGEST_LIBRARY <= value:
+            yield refusal(step, value, f"at least {(ends[1] - ends[0]) / LARGEST_LIBRARY:g} with {of} = {show(ends)}")
 
 
 def of_model(config: Config) -> Iterator[str]:
@@ -73,6 +85,11 @@ def of_jumps(config: Config) -> Iterator[str]:
                 yield refusal(key, value_of(config, key), f"{show(usual)} with teacher.gait={teacher.gait}")
     elif teacher.algorithm != "cmaes":
         yield refusal("teacher.gait", JUMPING, f"another gait with teacher.algorithm={teacher.algorithm}")
+    elif config.stage not in OF_JUMPING:
+        yield refusal("teacher.gait", JUMPING, f"another gait with stage={config.stage}: no student follows an apex")
+    elif teacher.speed != 0 or teacher.speeds is not None:
+        key = "teacher.speeds" if teacher.speed == 0 else "teacher.speed"
+        yield refusal(key, value_of(config, key), f"{'null' if teacher.speed == 0 else 0} with teacher.gait={JUMPING}")
     elif not teacher.apex > 0 or (teacher.apexes is not None and not min(teacher.apexes) > 0):
         key = "teacher.apexes" if teacher.apex > 0 else "teacher.apex"
         yield refusal(key, value_of(config, key), f"above 0 with teacher.gait={JUMPING}")
@@ -106,7 +123,8 @@ RANGE_CHECKS = (
     (("stage", "library.stiffness_shares", "teacher.stiffness_shares"), library_within_range),
     (("rom.model", *OF_MOTORS, *OF_COMMANDS), of_model),
     (("teacher.algorithm", "rom.model", *OF_SEARCH), of_search),
-    (("teacher.gait", "teacher.algorithm", *OF_OTHERS), of_jumps),
+    (("stage", "teacher.gait", "teacher.algorithm", "teacher.speed", "teacher.speeds", *OF_OTHERS), of_jumps),
+    (("stage", *STEPS, *STEPS.values()), size_of_library),
     (("teacher.pretrained", *RANGES.values()), trained_ranges),
     ((*ROM_KEYS, "teacher.stiffness_share", "teacher.stiffness_shares"), stiffest_legs),
 )

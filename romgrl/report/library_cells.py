@@ -91,7 +91,7 @@ def band_curve(measure: str, table: pd.DataFrame) -> tuple[Floats, Floats, Float
     """
     low, high = float(goals(table).min()), float(goals(table).max())
     own = {human_bands.COMPARED_WITH.get(gait, ()) for gait in table.gait}
-    gaits = human_bands.ON_TWO_FEET if human_bands.ON_TWO_FEET in own else min(own)
+    gaits = human_bands.ON_TWO_FEET if human_bands.ON_TWO_FEET in own else {gait for each in own for gait in each}
     reach = 0.0 if high > low else REACH
     places = np.linspace(low - reach, high + reach, BAND_POINTS)
     bands = [human_bands.bands(float(speed), gaits).get(measure) for speed in places]

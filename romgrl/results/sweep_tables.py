@@ -67,7 +67,8 @@ def write_tables(sweep: Sweep, found: list[JobResult], outputs: Path, directory:
     directory.mkdir(parents=True, exist_ok=True)
     jobs, cells = jobs_table(found), cells_table(found)
     jobs.to_csv(directory / "jobs.csv", index=False)
-    cells.to_csv(directory / "cells.csv", index=False)
+    if not cells.empty:
+        cells.to_csv(directory / "cells.csv", index=False)
     if set(cells.get("number", ())) & DRAWN:
         drawn = headline_jobs(found)
         shown = cells if len(drawn) == sum(each.error is None for each in found) else cells_table(drawn)

@@ -148,7 +148,8 @@ def cell_row(config: Config, gait: Gait, teacher: Path) -> dict[str, Any]:
     row["net_extension_m"] = (
         math.nan if gait.contact is None else net_extension(gait.features, gait.contact, gait.valid)
     )
-    row["positive_work_j_per_kg_m"] = row["positive_power_w_per_kg"] / max(row["steady_speed_m_per_s"], 0.1)
+    metres = max(row["steady_speed_m_per_s"], 0.1) if config.teacher.speed else math.nan  # none is asked on the spot
+    row["positive_work_j_per_kg_m"] = row["positive_power_w_per_kg"] / metres
     strides = teacher_strides(config, teacher)
     if strides is not None:
         last = teacher_multipliers(strides, config.library.orbit_worlds, config.seed).query("rank == 1").iloc[-1]

@@ -153,7 +153,7 @@ REFUSED = {
     "student.hidden_sizes=3": "student.hidden_sizes: 3 is not allowed; allowed: a list of at least",
     "student.hidden_sizes=[a]": "student.hidden_sizes: [a] is not allowed; allowed: a list of at least",
     "student.mirror=maybe": "student.mirror: maybe is not allowed; allowed: true or false",
-    "rom=spring_lag": "rom: spring_lag is not allowed; allowed: free_trunk, hopping, paper_spring_leg, running,",
+    "rom=spring_lag": "rom: spring_lag is not allowed; allowed: free_trunk, hopping, jumping, paper_spring_leg,",
     "~speed": "speed: has no value; give it as speed=...",
     "speed=1,4": "speed=1,4: is a sweep over several values; put -m before the keys",
     "speed": "speed: cannot be read; write key=value",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from base64 import b64decode, b64encode
 from pathlib import Path
 
 import numpy as np
@@ -121,14 +122,24 @@ def test_a_teacher_of_a_range_is_tried_at_all_that_is_checked(compose_config: Co
 
 
 def test_apexes_of_whole_flights() -> None:
-    """World 0 jumps twice, 0.1 m too low and 0.2 too high; world 1 falls in its second flight; world 2 never lands."""
-    errors = ApexErrors(np.full(3, 1.3))
-    heights = np.array([[1.1, 1.2, 0.9, 1.4, 1.5, 1.0], [1.2, 1.3, 0.9, 1.2, 0.8, 0.7], [1.0, 1.1, 1.2, 1.3, 1.3, 1.3]])
-    flying = np.array([[1, 1, 0, 1, 1, 0], [1, 1, 0, 1, 1, 0], [1] * 6], bool)
-    counted = np.array([[1] * 6, [1, 1, 1, 1, 0, 0], [1] * 6], bool)
+    """World 0 jumps twice, 0.1 m too low and 0.2 too high; 1 falls in its second flight; 2 never lands; 3 is in the air
+    at first, which counts nowhere."""
+    errors = ApexErrors(np.full(4, 1.3))
+    heights = np.array(
+        [
+            [0.9, 1.1, 1.2, 0.9, 1.4, 1.5, 1.0],
+            [0.9, 1.2, 1.3, 0.9, 1.2, 0.8, 0.7],
+            [0.9, 1.0, 1.1, 1.2, 1.3, 1.3, 1.3],
+            [1.0, 0.9, 0.9, 1.0, 1.3, 1.2, 0.9],
+        ]
+    )
+    flying = np.array(
+        [[0, 1, 1, 0, 1, 1, 0], [0, 1, 1, 0, 1, 1, 0], [0, 1, 1, 1, 1, 1, 1], [1, 1, 0, 0, 1, 1, 0]], bool
+    )
+    counted = np.array([[1] * 7, [1, 1, 1, 1, 1, 0, 0], [1] * 7, [1] * 7], bool)
     for height, flies, counts in zip(heights.T, flying.T, counted.T, strict=True):
         errors.add(height.astype(np.float32), flies, counts)
-    np.testing.assert_allclose(errors.mean(), [0.15, 0.0, UNJUMPED], atol=1e-6)
+    np.testing.assert_allclose(errors.mean(), [0.15, 0.0, UNJUMPED, 0.0], atol=1e-6)
 
 
 def test_a_jump_is_paid_by_its_apex(compose_config: Composer) -> None:
@@ -202,6 +213,37 @@ def test_a_search_that_is_stopped_goes_on_with_the_same_bits(
     assert cut.rows == whole.rows
     for name in ("policy.safetensors", "checks.csv"):
         assert (tmp_path / "cut" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
+
+
+def test_a_state_of_other_searches_is_refused(compose_config: Composer) -> None:
+    """Before the best of three is chosen, after three of ten generations, and after that."""
+    config = compose_config(*SMALL, "teacher.generations=10", "teacher.scouts=3")
+    tasks = search_of(config).tasks
+    assert isinstance(config.teacher, CMAESTeacher)
+    searches = Searches(config.teacher, tasks, 0)
+    for number in (1, 2):
+        searches.generation(number)
+    state = searches.state()
+    good, short = np.frombuffer(b64decode(state["losses"])), np.zeros(8 * 4)
+    nan, long = np.where(good > 0.5, np.nan, good), np.zeros(3 * 8 * 11)
+    for numbers, losses in (
+        ([], good),
+        ([0, 1], good),
+        ([0, 1, 1], good),
+        ([0, 1, 2], nan),
+        ([-1], short),
+        ([3], short),
+    ):
+        with pytest.raises(ArtifactError, match="none of this training"):
+            searches.restore({"numbers": numbers, "losses": b64encode(losses.tobytes()).decode()})
+    with pytest.raises(ArtifactError, match="11 generations"):
+        searches.restore({"numbers": [2], "losses": b64encode(long[: 8 * 11].tobytes()).decode()})
+    with pytest.raises(ValueError, match="reshape"):
+        searches.restore({"numbers": [0, 1, 2], "losses": b64encode(good[:-1].tobytes()).decode()})
+    with pytest.raises(ArtifactError, match="do not come to the mean"):
+        searches.restore(state | {"mean": state["mean"] + 1e-12})
+    searches.restore(state)
+    np.testing.assert_equal(searches.state(), state)
 
 
 @pytest.mark.usefixtures("_short_check")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from base64 import b64decode, b64encode
 from collections.abc import Sequence
 from contextlib import ExitStack, closing
 from operator import itemgetter
@@ -13,6 +14,7 @@ import torch
 from romgrl.artifacts.checkpoint import State
 from romgrl.config.schema import Config
 from romgrl.config.teachers import CMAESTeacher
+from romgrl.errors import ArtifactError
 from romgrl.runtime.stage_log import StageLog
 from romgrl.stages.training.checkpoints import TrainingCheckpoints
 from romgrl.stages.training.cycle_search import SHORTER, CycleSearch, Task
@@ -57,17 +59,24 @@ class Searches:
         return told
 
     def state(self) -> State:
-        """What the controllers of those that go on lost, nan where nothing is known: all that `restore` needs."""
-        losses = np.full((self.teacher.scouts, self.teacher.generations, self.teacher.population), np.nan)
-        for number, search in self.going.items():
-            losses[number, : len(search.losses)] = search.losses or np.nan
-        return {"made": len(self.first.losses), "numbers": [*self.going], "losses": losses}
+        """What the controllers of those that go on lost, as float64 in base64, and the mean that the first came to."""
+        losses = np.array([search.losses for search in self.going.values()])
+        return {"numbers": [*self.going], "losses": b64encode(losses.tobytes()).decode(), "mean": self.first.best}
 
     def restore(self, state: State) -> None:
-        """Go on from a state: the generations are learned from again, without a try."""
-        self.going = {int(number): self.search(int(number)) for number in state["numbers"]}
-        for number, search in self.going.items():
-            search.learn_again(np.asarray(state["losses"])[number, : int(state["made"])])
+        """Go on from a state: the generations are learned from again, without a try. ArtifactError for another one."""
+        numbers = [int(number) for number in state["numbers"]]
+        losses = np.frombuffer(b64decode(state["losses"], validate=True))
+        losses = losses.reshape(max(len(numbers), 1), -1, self.teacher.population)
+        made, scouts = losses.shape[1], [*range(self.teacher.scouts)]
+        known = any(numbers == [each] for each in scouts) if 0 < self.chosen <= made else numbers == scouts
+        if not (known and made <= self.teacher.generations and np.isfinite(losses).all()):
+            raise ArtifactError(f"{made} generations of searches {numbers} are none of this training")
+        self.going = {number: self.search(number) for number in numbers}
+        for search, lost in zip(self.going.values(), losses, strict=True):
+            search.learn_again(lost)
+        if not np.array_equal(self.first.best, np.asarray(state["mean"])):
+            raise ArtifactError("the generations do not come to the mean that they came to")
 
 
 def train_by_cmaes(config: Config, output: Path, log: StageLog) -> None:
@@ -91,9 +100,9 @@ def train_by_cmaes(config: Config, output: Path, log: StageLog) -> None:
             total=lambda: total,
             log=log,
         )
-        first = checkpoints.resume()
+        checkpoints.resume()
         with checkpoints.deferring_signals("teacher"):
-            for generation in range(first + 1, total + 1):
+            for generation in range(len(searches.first.losses) + 1, total + 1):
                 told = searches.generation(generation)
                 log.metrics(told, generation)
                 log.progress(generation, total, loss=told["loss"], upright=told["upright"])

@@ -79,11 +79,11 @@ class ApexErrors:
     """How far the tops of (N,) worlds' flights are from the body height asked for, m, as sums of whole flights."""
 
     def __init__(self, asked: Array) -> None:
-        self.asked, self.top = asked, np.full(len(asked), -np.inf)
+        self.asked, self.top = asked, np.full(len(asked), np.nan)  # of the flight that goes on, nan: not seen whole
         self.count, self.total = np.zeros(len(asked)), np.zeros(len(asked))
 
     def add(self, height: NDArray[np.float32], flying: NDArray[np.bool_], counted: NDArray[np.bool_]) -> None:
-        """Take in a step; a flight that began before the first step counts from there."""
+        """Take in a step; a flight that began before the first one does not count."""
         landed = counted & ~flying & np.isfinite(self.top)
         self.count += landed
         self.total += np.where(landed, np.abs(np.where(landed, self.top, 0.0) - self.asked), 0.0)

@@ -113,6 +113,7 @@ class SpeedChecks:
         self.log.message(
             f"kept the policy of step {row['step']:,.0f}: falls in {row['falls']:.0f} of {episodes} episodes, "
             f"{row['steady_speed_m_per_s']:.2f} m/s in the long run"
+            + (f", {row['jump_apex_m']:.3f} m high" if "jump_apex_m" in row else "")
             + (" where it is furthest from what was asked" if len(self.worlds) > 1 else "")
         )
 
