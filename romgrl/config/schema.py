@@ -60,7 +60,7 @@ class Robustness:
 
 @dataclass
 class Library:
-    """References of one teacher over its speeds and stiffnesses (`stage=library`), each checked and measured."""
+    """References of one teacher over all that it learned (`stage=library`), each checked and measured."""
 
     speed_step: float = key("between two speeds, multiples of it within teacher.speeds", unit="m/s", above=0, high=10)
     apex_step: float = key(

@@ -60,7 +60,7 @@ class Teacher:
         before=None,
     )
     command_steps: int = key(
-        "control steps after which a world is asked for another speed and stiffness; 0: not within an episode",
+        "control steps after which a world is asked for something else; 0: not within an episode",
         low=0,
         high=10**9,
         before=0,
@@ -167,7 +167,7 @@ class CMAESTeacher(Teacher):
     )
     population: int = key("controllers of a generation", low=4, high=10_000)
     rollouts: int = key(
-        "worlds that each controller is tried in, at each of the speeds and stiffnesses that the search looks at",
+        "worlds that each controller is tried in, at each speed, apex and stiffness that the search looks at",
         low=1,
         high=10_000,
     )

@@ -49,9 +49,9 @@ def state(page: Page) -> tuple[Any, ...]:
 
 
 def test_the_slider_goes_over_to_another_cell(opened: Page) -> None:
-    opened.get_by_label("Speed asked for").fill("0")
+    opened.get_by_label("Asked for", exact=True).fill("0")
     slow = state(opened)
-    opened.get_by_label("Speed asked for").fill("1")
+    opened.get_by_label("Asked for", exact=True).fill("1")
     fast = state(opened)
     assert (slow[1], fast[1]) == ("2.00 m/s", "3.00 m/s")
     assert all(one != other for one, other in zip(slow[3], fast[3], strict=True))
