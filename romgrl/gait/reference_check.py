@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from romgrl.errors import ArtifactError
 from romgrl.gait.features import BODY_Y, LEFT_X, RIGHT_X, Bools, Floats, Gait
@@ -13,6 +14,7 @@ LARGEST_SLIP = 0.1  # of the mean speed; feet that stick show 0.01 to 0.02, the 
 SLOWEST_SLIP_LIMIT = 0.2  # m/s, for slow gaits
 LARGEST_SPEED_TREND = 0.15  # of the mean speed, from the start of an episode to its end; teachers show 0.04 to 0.11
 SLOWEST_TREND = 0.5  # m/s, of which a trend is a share in gaits that are slower
+LONGEST_BOUNCE = 1.2  # s
 LARGEST_HEIGHT_TREND = 0.05  # of the mean body height
 
 
@@ -47,7 +49,8 @@ def check_reference(gait: Gait, footfall: Footfall = FOOTFALLS["run"]) -> dict[s
             f"limit {LARGEST_SPEED_TREND:.0%}"
         )
     height = gait.features[..., BODY_Y]
-    measured["height_trend"] = largest_trend(height, gait.valid) / float(height[gait.valid].mean())
+    window = round(LONGEST_BOUNCE / gait.dt) if footfall.together else 1
+    measured["height_trend"] = largest_trend(height, gait.valid, window) / float(height[gait.valid].mean())
     if not measured["height_trend"] <= LARGEST_HEIGHT_TREND:
         raise ArtifactError(
             f"the reference drifts: body height changes by {measured['height_trend']:.0%} across an episode, "
@@ -100,11 +103,16 @@ def slip_speed(features: Floats, contact: Bools, velocity: Floats, dt: float, va
     return float(np.median(slip)) if len(slip) else float("nan")
 
 
-def largest_trend(values: Floats, valid: Bools) -> float:
-    """Change along the fitted line from start to end of an episode, largest over episodes. values, valid: (E, T)."""
+def largest_trend(values: Floats, valid: Bools, window: int = 1) -> float:
+    """Change along the fitted line from start to end of an episode, largest over episodes. values, valid: (E, T).
+
+    window: of the highest value in so many steps: a bounce that is cut has a slope of its own.
+    """
     trends = []
     for episode, mask in zip(values, valid, strict=True):
         kept = episode[mask]
+        if 1 < window <= len(kept):
+            kept = sliding_window_view(kept, window).max(axis=-1)
         steps = np.arange(len(kept)) - 0.5 * (len(kept) - 1)
         trends.append(abs(float(steps @ kept)) / float(steps @ steps) * (len(kept) - 1) if len(kept) > 1 else 0.0)
     return max(trends)

@@ -261,7 +261,6 @@ MISFITS = (
     ("library.stiffness_shares", "stage=library teacher=variable_running library.stiffness_shares=[0.5,1]"),
     ("library.others", "stage=library library.others=[/no/such/library]"),
     ("teacher.apex", "teacher=hopping teacher.apex=0.3"),
-    ("teacher.apexes", "teacher=hopping teacher.apexes=[0.1,0.5]"),
     ("teacher.apex", "stage=teacher teacher=jumping teacher.apex=0.6"),
     ("teacher.gait", "teacher=jumping"),
     ("teacher.speed", "stage=teacher teacher=jumping teacher.speed=1"),
