@@ -46,7 +46,7 @@ def goal_text(speed: float, apex: float) -> str:
 
 def goal_label(table: pd.DataFrame) -> str:
     """What stands at the axis of goals."""
-    jumps = table.gait == "jump"
+    jumps = table.apex_m > 0
     if jumps.all():
         return "apex asked for [m]"
     return "asked for [m/s, of jumps m]" if jumps.any() else "speed asked for [m/s]"

@@ -12,33 +12,19 @@ import torch
 
 from romgrl.algorithms.policy_file import NETWORK
 from romgrl.artifacts import load_tensors, save_tensors
-from romgrl.config.schema import Config
-from romgrl.config.teachers import CMAESTeacher
 from romgrl.errors import ArtifactError
 from romgrl.gait.footfall import FOOTFALLS
 from romgrl.rom.gait_clocks import CLOCKS, HOP, RUN
 from romgrl.rom.phase_policy import COLUMNS, PhasePolicy, Span
 from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import reference, teacher
-from romgrl.stages.training import cmaes_teacher, speed_check
 from romgrl.stages.training.cycle_measures import UNJUMPED, ApexErrors, TouchdownTimes, Tries
-from romgrl.stages.training.cycle_search import CycleSearch, Task
-from romgrl.stages.wiring.commands import checked_tasks
-from romgrl.stages.wiring.rom import rom_env
+from romgrl.stages.training.cycle_search import CycleSearch
 from romgrl.stages.wiring.teacher_policy import load_phase_policy, save_phase_policy
 from tests.conftest import Composer
+from tests.helpers.searches import SMALL, search_of, shorten_checks
 
 WALK = ("teacher.gait=walk", "rom=variable_walking", "teacher.speed=1.25")
-SMALL = ("teacher=cmaes", "threads=1", "teacher.population=8", "teacher.rollouts=2", "teacher.search_steps=80")
-
-
-def search_of(config: Config) -> CycleSearch:
-    """A search and its worlds."""
-    keys = config.teacher
-    assert isinstance(keys, CMAESTeacher)
-    worlds = {"num_envs": keys.population * keys.rollouts, "episode_steps": keys.search_steps + 1}
-    tasks = [Task(at.teacher.speed, at.teacher.apex, rom_env(at, **worlds)) for at in checked_tasks(config)]
-    return CycleSearch(keys, tasks, config.seed)
 
 
 def test_times_between_touchdowns() -> None:
@@ -158,11 +144,7 @@ def test_a_jump_is_paid_by_its_apex(compose_config: Composer) -> None:
 
 @pytest.fixture
 def _short_check(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name, value in {"STEPS": 30, "STEADY": 5}.items():
-        monkeypatch.setattr(speed_check, name, value)
-    for name, value in {"CHECK_EPISODES": 3, "STEPS": 30, "STEADY": 30}.items():
-        monkeypatch.setattr(teacher, name, value)
-    monkeypatch.setattr(cmaes_teacher, "EPISODES", 4)
+    shorten_checks(monkeypatch)
 
 
 @pytest.mark.usefixtures("_short_check")

@@ -11,21 +11,16 @@ import pytest
 from romgrl.config.teachers import CMAESTeacher
 from romgrl.errors import ArtifactError
 from romgrl.runtime.stage_log import SilentLog
-from romgrl.stages import teacher
-from romgrl.stages.training import cmaes_teacher, speed_check
+from romgrl.stages.training import cmaes_teacher
 from romgrl.stages.training.cmaes_teacher import Searches
 from romgrl.stages.wiring.teacher_policy import load_phase_policy
 from tests.conftest import Composer
-from tests.stages.test_cmaes_teacher import SMALL, search_of
+from tests.helpers.searches import SMALL, search_of, shorten_checks
 
 
 @pytest.fixture
 def _short_check(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name, value in {"STEPS": 30, "STEADY": 5}.items():
-        monkeypatch.setattr(speed_check, name, value)
-    for name, value in {"CHECK_EPISODES": 3, "STEPS": 30, "STEADY": 30}.items():
-        monkeypatch.setattr(teacher, name, value)
-    monkeypatch.setattr(cmaes_teacher, "EPISODES", 4)
+    shorten_checks(monkeypatch)
 
 
 @pytest.mark.usefixtures("_short_check")
