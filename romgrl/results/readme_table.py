@@ -38,6 +38,7 @@ FAIR_SAID = (
 OTHER_SETTINGS = (
     "paper_discriminator",
     "humenv",
+    "experiment_paper",
 )  # sweeps of students that are not the default's, by their names in sweeps/
 OTHER_NUMBERS = (
     "student/error_over_variance",
