@@ -16,7 +16,7 @@ from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf, open_dict
 from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
 
-from romgrl.cli import search_space
+from romgrl.cli import resolvers
 from romgrl.cli.allowlist import GuardedLoader, chosen, guard_hydra
 from romgrl.cli.config_files import CONF
 from romgrl.cli.consistency import misfits, objective_faults
@@ -51,7 +51,7 @@ def register_schema() -> None:
     `read_composed` holds the types: Hydra would stop at the first value that does not have its own.
     """
     guard_hydra()
-    search_space.register()
+    resolvers.register()
     store_schema()
 
 

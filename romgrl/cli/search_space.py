@@ -12,16 +12,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from hydra.core.override_parser.types import Override
-from omegaconf import OmegaConf
 
 from romgrl.config.values import kind_of, schema_keys
 
 DIGITS = 4  # significant; what is written down of a point is the point
-
-
-def register() -> None:
-    """Tell OmegaConf the word `draw`."""
-    OmegaConf.register_new_resolver("draw", random_value, replace=True)
 
 
 def random_value(seed: int, name: str, low: float, high: float, scale: str = "linear") -> float:
