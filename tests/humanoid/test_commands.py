@@ -115,6 +115,20 @@ def test_episodes_begin_at_a_share_of_the_speed_that_is_asked_for() -> None:
     assert (share.min(), share.mean(), share.max()) == pytest.approx((0.5, 0.7, 0.9), abs=0.01)
 
 
+def test_those_that_start_anew_have_their_own_speed() -> None:
+    speeds = np.arange(16) / 4
+    table = CommandTable.constant(speeds, {"run": 1.0})
+    env = PlanarHumanoidVectorEnv(num_envs=16, commands=table, reset_speed=(1.0, 1.0))
+    env.reset(seed=0)
+    restarted = []
+    for action in actions(40, 16):
+        _, _, terminated, _, _ = env.step(action)
+        assert np.array_equal(env.states()[terminated, 24], speeds[terminated])
+        restarted.append(int(terminated.sum()))
+    assert 0 < max(restarted) < 16
+    assert sum(restarted) > 16
+
+
 def test_a_constant_command_is_the_fixed_speed() -> None:
     """Same physics, same reward; the table draws nothing."""
     fixed = PlanarHumanoidVectorEnv(num_envs=8, speed=2.5, alpha=None)
