@@ -91,6 +91,13 @@ def test_steps_of_a_table() -> None:
     )
 
 
+def test_a_change_is_not_late_by_a_rounding() -> None:
+    """Rows 0.1 s apart are 3 steps apart, although sums of thirtieths are no tenths."""
+    rows = np.arange(100)
+    seen = played(CommandTable(("run",), 0.1 * rows, rows, [1.0]), 297)[:, 0, 0]
+    assert np.array_equal(seen, np.arange(298) // 3)
+
+
 def test_ramps_of_a_table() -> None:
     table = CommandTable(("walk", "run"), [0.0, 2.0, 3.0], [0.5, 4.5, 4.5], [[1, 0], [0, 1], [0, 1]], ramp=True)
     seen = played(table, 120)[:, 0]
