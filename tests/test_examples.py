@@ -54,6 +54,14 @@ def test_another_body() -> None:
     assert policy.policy.sizes[-1] == 2 * 7  # mean and spread for each of its hinges
 
 
+def test_commands() -> None:
+    commands = example("commands")
+    earned, relabelled = commands.drawn(60)
+    assert 0 < relabelled.mean() < earned.mean()  # 3 m/s is further off than what most were asked for
+    assert commands.played(121)[[0, 30, 60, 90, 120]] == pytest.approx([1, 2, 3, 2, 1], abs=1e-6)
+    assert commands.steered() == [[1.0, 1.0, 0.0, 1.0], [2.0, 0.5, 0.5, 1.0]]
+
+
 def test_sac_on_another_environment() -> None:
     rewards = example("sac_on_your_environment").main(1000)
     assert rewards[-200:].mean() > 2 * rewards[:200].mean()  # both below zero

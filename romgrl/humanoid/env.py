@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, Unpack
 
 import gymnasium as gym
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from romgrl.humanoid import task
+from romgrl.humanoid.command_schedules import CommandSchedule
+from romgrl.humanoid.commands import CurrentCommands
 from romgrl.humanoid.model import CONTROL_FREQUENCY, build, dimensions
 from romgrl.humanoid.observation import mirror_observation, observation_names, varying_columns
 from romgrl.humanoid.planar_observer import GAIT_FEATURES, SOLE_HEIGHT, TRUNK_LEAN, PlanarObserver
@@ -28,11 +31,13 @@ class PlanarHumanoidEnv(gym.Env[Float32, Float32]):
 
     `info` has `features` (5,), `forward_velocity`, `trunk_lean`, `sole_height` (2,) and `diverged`; observations are
     float32, (358,) for SMPL's skeleton, and actions (21,) in [-1, 1]; `observation_names` and `action_names` say what
-    they are.
+    they are. With commands for G gaits observations have 2 + G more columns, the command of the next step, and `info`
+    has `command` (2 + G,), that of the step.
 
     Args:
         model: planar model of `romgrl.humanoid.model.build`; None: the project's own humanoid.
         render_mode: None or "rgb_array".
+        commands: what the humanoid is asked for, and when; None: to run at `speed`.
         settings: the task, see `romgrl.humanoid.task.SpeedSettings`.
     """
 
@@ -43,20 +48,22 @@ class PlanarHumanoidEnv(gym.Env[Float32, Float32]):
         *,
         model: mujoco.MjModel | None = None,
         render_mode: str | None = None,
+        commands: CommandSchedule | None = None,
         **settings: Unpack[task.SpeedSettings],
     ) -> None:
         frequency = settings.get("control_frequency", CONTROL_FREQUENCY)
         self.model = build(control_frequency=frequency) if model is None else model
         self.task = task.SpeedTask.of(self.model, **settings)
+        self._commands = CurrentCommands(commands, 1, self.task.control_step)
         self.dimensions = dimensions(self.model)
         self.substeps, self.control_step = self.task.substeps, self.task.control_step
         self.metadata = _METADATA | {"render_fps": round(frequency)}
         self.render_mode = render_mode
-        self.compact_columns = varying_columns(self.model)
-        skeleton = skeleton_of(self.model)
-        self.observation_names, self.action_names = observation_names(skeleton), skeleton.hinges
-        self.mirror_observation, self.mirror_action = mirror_observation(skeleton), skeleton.mirror_action()
-        self.observation_space = gym.spaces.Box(-np.inf, np.inf, (skeleton.observation_size,), np.float32)
+        skeleton, asked = skeleton_of(self.model), self._commands.names
+        self.compact_columns = self._commands.columns_beside(varying_columns(self.model), skeleton.observation_size)
+        self.observation_names, self.action_names = observation_names(skeleton, asked), skeleton.hinges
+        self.mirror_observation, self.mirror_action = mirror_observation(skeleton, asked), skeleton.mirror_action()
+        self.observation_space = gym.spaces.Box(-np.inf, np.inf, (len(self.observation_names),), np.float32)
         self.action_space = gym.spaces.Box(-1.0, 1.0, (len(skeleton.hinges),), np.float32)
         self._data = mujoco.MjData(self.model)
         self._generator = np.random.default_rng()
@@ -69,21 +76,26 @@ class PlanarHumanoidEnv(gym.Env[Float32, Float32]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Float32, dict[str, Any]]:
-        """Start anew; a seed makes everything that follows deterministic."""
+        """Start anew; a seed makes everything that follows deterministic.
+
+        options: arguments of `command`, which hold to the end of the episode; ValueError for any others.
+        """
         super().reset(seed=seed)
         if seed is not None:
             self._generator = np.random.default_rng(seed)
-        self._restart()
+        self._restart(options)
         observation, posture = self._observe()
-        return observation, _info(posture, float(self._data.qvel[0]), diverged=False)
+        info = _info(posture, float(self._data.qvel[0]), diverged=False)
+        return observation, info | self._told(self._commands.values)
 
     def step(self, action: Float32) -> tuple[Float32, float, bool, bool, dict[str, Any]]:
         """Advance by one control step with `action` (A,) held; numbers beyond [-1, 1] are clipped."""
         task.check_actions(action, self._data.ctrl.shape)
         self._data.ctrl[:] = task.controls(self.model, action)
-        before = self._data.qpos[0]
+        before, asked, acted = self._data.qpos[0], self._commands.speeds, self._commands.values.copy()
         mujoco.mj_step(self.model, self._data, nstep=self.substeps)
         self._elapsed += 1
+        self._commands.advance(self._generator, np.array([self._elapsed]))
         observation, posture = self._observe()
         warnings = np.array([[warning.number for warning in self._data.warning]], dtype=np.int32)
         diverged = bool(task.diverged(posture, warnings)[0])
@@ -91,21 +103,48 @@ class PlanarHumanoidEnv(gym.Env[Float32, Float32]):
             self._restart()
             observation, posture = self._observe()
         velocity = 0.0 if diverged else (self._data.qpos[0] - before) / self.control_step
-        reward = 0.0 if diverged else float(np.float32(self.task.reward(np.array([velocity]), posture)[0]))
+        reward = 0.0 if diverged else float(np.float32(self.task.reward(np.array([velocity]), posture, asked)[0]))
         terminated = diverged or bool(self.task.fallen(posture)[0])
         truncated = self._elapsed >= self.task.episode_steps and not terminated
-        return observation, reward, terminated, truncated, _info(posture, velocity, diverged=diverged)
+        info = _info(posture, velocity, diverged=diverged) | self._told(acted)
+        return observation, reward, terminated, truncated, info
 
-    def _restart(self) -> None:
+    def command(
+        self,
+        *,
+        speed: float | None = None,
+        gait: Mapping[str, ArrayLike] | None = None,
+        style: float | None = None,
+    ) -> Float32:
+        """Ask for something else from the next step to the end of the episode; what is None stays as it is.
+
+        Returns the observation (C,) of the same state with this command. ValueError, and no change, for an environment
+        without commands, an unknown gait, and what is no command.
+
+        Args:
+            speed: m/s.
+            gait: weights of the gaits by name, such as {"walk": 1.0}, that sum to 1; 0 where one is not named.
+            style: share of the leg's stiffness.
+        """
+        self._commands.give(speed=speed, gait=gait, style=style)
+        return self._observe()[0]
+
+    def _restart(self, options: dict[str, Any] | None = None) -> None:
+        self._commands.begin(self._generator, np.arange(1))
+        self._commands.give_options(options)
         mujoco.mj_resetData(self.model, self._data)
         self._data.qpos[:], self._data.qvel[:] = (rows[0] for rows in self._starts.draw(self._generator, 1))
-        self._data.qvel[0] += self.task.draw_speed(self._generator, 1)[0]
+        self._data.qvel[0] += self.task.draw_speed(self._generator, 1, self._commands.speeds)[0]
         self._elapsed = 0
 
     def _observe(self) -> tuple[Float32, NDArray[np.float64]]:
         """Observation and posture (1, POSTURE_SIZE)."""
         observation, posture = self._observer(self._data.qpos[None], self._data.qvel[None])
-        return observation[0], posture
+        return self._commands.beside(observation)[0], posture
+
+    def _told(self, acted: Float32) -> dict[str, Any]:
+        """What `info` says of the command (1, 2 + G) that acted."""
+        return {"command": acted[0].copy()} if self._commands.names else {}
 
     def state(self) -> NDArray[np.float64]:
         """Physics state (nq + nv,): qpos and qvel."""

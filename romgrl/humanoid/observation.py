@@ -8,6 +8,8 @@ pelvis faces, the pelvis orientation being measured from that of standing. Units
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
@@ -39,8 +41,11 @@ def observe(model: mujoco.MjModel, data: mujoco.MjData, skeleton: Skeleton | Non
     return batch.reshape(-1)
 
 
-def observation_names(skeleton: Skeleton) -> tuple[str, ...]:
-    """What each number of the observation is, such as Pelvis.height, L_Hip.axis_x.z and Head.angular_velocity.y."""
+def observation_names(skeleton: Skeleton, commands: Sequence[str] = ()) -> tuple[str, ...]:
+    """What each number of the observation is, such as Pelvis.height, L_Hip.axis_x.z and Head.angular_velocity.y.
+
+    commands: names of further columns, after those of the body.
+    """
     quantities = (
         (skeleton.bodies[1:], ("position",)),
         (skeleton.bodies, ("axis_x", "axis_z")),
@@ -48,11 +53,12 @@ def observation_names(skeleton: Skeleton) -> tuple[str, ...]:
         (skeleton.bodies, ("angular_velocity",)),
     )
     vectors = [f"{body}.{name}" for bodies, names in quantities for body in bodies for name in names]
-    return (f"{skeleton.root}.height", *(f"{vector}.{component}" for vector in vectors for component in "xyz"))
+    body = (f"{skeleton.root}.height", *(f"{vector}.{component}" for vector in vectors for component in "xyz"))
+    return (*body, *commands)
 
 
-def mirror_observation(skeleton: Skeleton) -> Mirror:
-    """Mirror of the observation (O,) in the sagittal plane.
+def mirror_observation(skeleton: Skeleton, commands: Sequence[str] = ()) -> Mirror:
+    """Mirror of the observation (O,) in the sagittal plane, which leaves further columns of `commands` as they are.
 
     With M = diag(1, -1, 1) in the world and S in the body frames, which negates the lateral axis (SMPL's x), the
     mirrored rotation is M R S: the column of the lateral axis becomes -M R e, another M R e. Angular velocity is a
@@ -61,13 +67,15 @@ def mirror_observation(skeleton: Skeleton) -> Mirror:
     negated_whole = (f"axis_{'xyz'[skeleton.axes[1]]}", "angular_velocity")
 
     def other_side(name: str) -> str:
+        if name in commands:
+            return name
         body, _, rest = name.partition(".")
         return f"{skeleton.other_side(body)}.{rest}"
 
     names = observation_names(skeleton)
     lateral = {name for name in names if name.endswith(".y")}
     whole = {name for name in names if name.split(".")[1] in negated_whole}
-    return by_name(names, other_side, negated=lateral ^ whole)
+    return by_name((*names, *commands), other_side, negated=lateral ^ whole)
 
 
 def assemble(

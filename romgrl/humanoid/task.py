@@ -22,13 +22,20 @@ Flags = NDArray[np.bool_]
 UPRIGHT, HIGH = 0.3, 0.1
 """Lean of the trunk (rad), and share of the standing height by which the pelvis is off, that leave 1/e of the reward
 for the posture."""
+SLOWEST = 0.5
+"""Below this target speed, m/s, errors count as they do there: a walker that is to stand may sway."""
 VELOCITY_LIMIT = 200.0
 """A joint speed (rad/s or m/s) that no body reaches: the simulation has diverged."""
 
 
-def speed_reward(forward_velocity: Array, *, speed: float, alpha: float) -> Array:
-    """exp(-alpha |v - speed|) (N,), the paper's task reward."""
+def speed_reward(forward_velocity: Array, *, speed: float | Array, alpha: float | Array) -> Array:
+    """exp(-alpha |v - speed|) (N,), the paper's task reward; one speed and alpha for all, or (N,)."""
     return np.exp(-alpha * np.abs(forward_velocity - speed))
+
+
+def relative_sensitivity(speed: float | Array) -> Array:
+    """Alpha, s/m, with which a relative error counts the same at all speeds, m/s: 1 at 4 m/s, as in the paper."""
+    return np.asarray(4.0 / np.maximum(speed, SLOWEST))
 
 
 def posture_reward(posture: Array, *, standing_height: float) -> Array:
@@ -57,16 +64,16 @@ class SpeedSettings(TypedDict, total=False):
     """The arguments that both environments share; their defaults are those of `SpeedTask.of`."""
 
     speed: float
-    """Target speed, m/s."""
-    alpha: float
+    """Target speed, m/s; humanoids with commands have speeds of their own instead."""
+    alpha: float | None
     """Sensitivity of the reward exp(-alpha |v - speed|), s/m; v is the mean forward velocity of the pelvis over the
-    control step."""
+    control step. None: `relative_sensitivity` of the target speed."""
     posture_weight: float
     """Share w of `posture_reward` in the reward, (1 - w) of which is for the speed."""
     episode_steps: int
     """An episode is truncated after this many control steps."""
     reset_speed: Sequence[float]
-    """Range of the forward speed at reset, share of `speed`."""
+    """Range of the forward speed at reset, share of the target speed."""
     fall_pelvis_height: float
     """An episode ends when the pelvis is below this share of its standing height."""
     fall_head_height: float
@@ -82,13 +89,15 @@ class SpeedTask:
     """Running at a speed: the numbers of the task for one model, in SI units."""
 
     speed: float
-    alpha: float
+    """Of humanoids without commands."""
+    alpha: float | None
+    """None: `relative_sensitivity` of the target speed."""
     posture_weight: float
     standing_height: float
     """Of the pelvis, m."""
     episode_steps: int
     reset_speed: tuple[float, float]
-    """Range of the forward speed at reset, m/s."""
+    """Range of the forward speed at reset, share of the target speed."""
     pelvis_height: float
     head_height: float
     lean: float
@@ -103,7 +112,7 @@ class SpeedTask:
         model: mujoco.MjModel,
         *,
         speed: float = 4.0,
-        alpha: float = 1.0,
+        alpha: float | None = 1.0,
         posture_weight: float = 0.0,
         episode_steps: int = 300,
         reset_speed: Sequence[float] = (0.0, 1.0),
@@ -116,7 +125,9 @@ class SpeedTask:
         if len(reset_speed) != 2 or not 0 <= reset_speed[0] <= reset_speed[1] < np.inf:
             raise ValueError(f"reset_speed must be a range of shares of the speed, not {reset_speed}")
         _check_at_least_zero(speed=speed, fall_pelvis_height=fall_pelvis_height, fall_head_height=fall_head_height)
-        _check_positive(alpha=alpha, fall_trunk_lean=fall_trunk_lean, control_frequency=control_frequency)
+        _check_positive(
+            alpha=1.0 if alpha is None else alpha, fall_trunk_lean=fall_trunk_lean, control_frequency=control_frequency
+        )
         if not 0 <= posture_weight <= 1:
             raise ValueError(f"posture_weight must be between 0 and 1, not {posture_weight}")
         check_counts(episode_steps=episode_steps)
@@ -130,7 +141,7 @@ class SpeedTask:
             posture_weight=posture_weight,
             standing_height=size.pelvis_height,
             episode_steps=episode_steps,
-            reset_speed=(reset_speed[0] * speed, reset_speed[1] * speed),
+            reset_speed=(reset_speed[0], reset_speed[1]),
             pelvis_height=fall_pelvis_height * size.pelvis_height,
             head_height=fall_head_height * size.head_height,
             lean=fall_trunk_lean,
@@ -138,9 +149,11 @@ class SpeedTask:
             control_step=substeps * timestep,
         )
 
-    def reward(self, forward_velocity: Array, posture: Array) -> Array:
-        """(1 - w) `speed_reward` at this speed + w `posture_reward`, (N,)."""
-        rewarded = speed_reward(forward_velocity, speed=self.speed, alpha=self.alpha)
+    def reward(self, forward_velocity: Array, posture: Array, speeds: Array | None = None) -> Array:
+        """(1 - w) `speed_reward` + w `posture_reward`, (N,), at this task's speed or at those of commands (N,)."""
+        asked = self.speed if speeds is None else speeds
+        alpha = relative_sensitivity(asked) if self.alpha is None else self.alpha
+        rewarded = speed_reward(forward_velocity, speed=asked, alpha=alpha)
         upright = posture_reward(posture, standing_height=self.standing_height)
         return (1.0 - self.posture_weight) * rewarded + self.posture_weight * upright
 
@@ -148,9 +161,10 @@ class SpeedTask:
         """`fallen` with this task's limits, (N,)."""
         return fallen(posture, pelvis_height=self.pelvis_height, head_height=self.head_height, lean=self.lean)
 
-    def draw_speed(self, generator: np.random.Generator, count: int) -> Array:
-        """Forward speeds at reset (count,), m/s."""
-        return generator.uniform(*self.reset_speed, size=count)
+    def draw_speed(self, generator: np.random.Generator, count: int, speeds: Array | None = None) -> Array:
+        """Forward speeds at reset (count,), m/s: shares of this task's speed, or of those of commands (count,)."""
+        asked, (low, high) = self.speed if speeds is None else speeds, self.reset_speed
+        return generator.uniform(low * asked, high * asked, size=count)
 
 
 def controls(model: mujoco.MjModel, actions: ArrayLike) -> Array:

@@ -10,9 +10,11 @@ import mujoco
 import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 from mujoco.batch import Batch
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from romgrl.humanoid import task
+from romgrl.humanoid.command_schedules import CommandSchedule, Rows
+from romgrl.humanoid.commands import CurrentCommands
 from romgrl.humanoid.model import CONTROL_FREQUENCY, build, dimensions
 from romgrl.humanoid.observation import mirror_observation, observation_names, varying_columns
 from romgrl.humanoid.planar_observer import GAIT_FEATURES, SOLE_HEIGHT, TRUNK_LEAN, PlanarObserver
@@ -22,7 +24,6 @@ from romgrl.humanoid.skeleton import skeleton_of
 from romgrl.humanoid.start_states import MixedStates, StartStates, StrideStates
 
 Float32 = NDArray[np.float32]
-Rows = NDArray[np.int64]
 Step = tuple[Float32, Float32, NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]
 
 _METADATA = {"autoreset_mode": AutoresetMode.SAME_STEP, "render_modes": ["rgb_array"]}
@@ -37,12 +38,17 @@ class PlanarHumanoidVectorEnv(VectorEnv[Float32, Float32, Any]):
     it `reset_features`, `reset_trunk_lean` and `reset_sole_height`. A diverged humanoid ends its episode with
     reward 0 and reports the state it restarts from.
 
+    With `commands` for G gaits each humanoid is asked for a speed, m/s, weights of the gaits and a style of its own.
+    The last 2 + G columns of an observation are what is asked in the next step; `info` has `command` (N, 2 + G), of
+    the step, and `reset_command`, of the next one, after an autoreset where there is one.
+
     Args:
         model: planar model of `romgrl.humanoid.model.build`; None: the project's own humanoid.
         num_envs: humanoids stepped together.
         num_threads: threads of the physics; the results do not depend on it.
         compact: observations have only the columns that vary in the plane, `columns` of all.
         render_mode: None or "rgb_array".
+        commands: what humanoids are asked for, and when; None: to run at `speed`.
         settings: the task, see `romgrl.humanoid.task.SpeedSettings`.
     """
 
@@ -56,6 +62,7 @@ class PlanarHumanoidVectorEnv(VectorEnv[Float32, Float32, Any]):
         num_threads: int = 1,
         compact: bool = False,
         render_mode: str | None = None,
+        commands: CommandSchedule | None = None,
         **settings: Unpack[task.SpeedSettings],
     ) -> None:
         task.check_counts(num_envs=num_envs, num_threads=num_threads)
@@ -65,15 +72,17 @@ class PlanarHumanoidVectorEnv(VectorEnv[Float32, Float32, Any]):
         self.dimensions = dimensions(self.model)
         self.substeps, self.control_step = self.task.substeps, self.task.control_step
         self.num_envs, self.render_mode = num_envs, render_mode
-        self.compact_columns = varying_columns(self.model)
-        self._observer = PlanarObserver(self.model, self.compact_columns if compact else None)
-        self.columns = self._observer.columns.astype(np.int64)
-        skeleton = skeleton_of(self.model)
-        names = observation_names(skeleton)
+        self._commands = CurrentCommands(commands, num_envs, self.control_step)
+        skeleton, varying = skeleton_of(self.model), varying_columns(self.model)
+        self._observer = PlanarObserver(self.model, varying if compact else None)
+        size, seen = skeleton.observation_size, self._observer.columns.astype(np.int64)
+        self.compact_columns = self._commands.columns_beside(varying, size)
+        self.columns = self._commands.columns_beside(seen, size)
+        names = observation_names(skeleton, self._commands.names)
         self.observation_names, self.action_names = tuple(names[i] for i in self.columns), skeleton.hinges
-        self.mirror_observation = mirror_observation(skeleton).kept(self.columns)
+        self.mirror_observation = mirror_observation(skeleton, self._commands.names).kept(self.columns)
         self.mirror_action = skeleton.mirror_action()
-        self.single_observation_space = gym.spaces.Box(-np.inf, np.inf, self._observer.columns.shape, np.float32)
+        self.single_observation_space = gym.spaces.Box(-np.inf, np.inf, self.columns.shape, np.float32)
         self.single_action_space = gym.spaces.Box(-1.0, 1.0, (len(skeleton.hinges),), np.float32)
         self.observation_space = gym.vector.utils.batch_space(self.single_observation_space, num_envs)
         self.action_space = gym.vector.utils.batch_space(self.single_action_space, num_envs)
@@ -98,46 +107,60 @@ class PlanarHumanoidVectorEnv(VectorEnv[Float32, Float32, Any]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Float32, dict[str, Any]]:
-        """Start every humanoid anew; a seed makes everything that follows deterministic."""
+        """Start every humanoid anew; a seed makes everything that follows deterministic.
+
+        options: arguments of `command`, which hold to the end of each episode; ValueError for any others.
+        """
         if seed is not None:
             self._generator = np.random.default_rng(seed)
-        self._restart(np.arange(self.num_envs))
-        observation, posture = self._observer(self._qpos, self._qvel)
+        self._restart(np.arange(self.num_envs), options)
+        observation, posture = self._observe()
         nothing = np.zeros(self.num_envs, dtype=np.bool_)
         info = _before_reset(observation.copy(), posture, self._qvel[:, 0], nothing)
-        return observation, _after_reset(info, posture, np.arange(0))
+        told = self._commands.told(self._commands.values.copy())
+        return observation, _after_reset(info, posture, np.arange(0)) | told
 
     def step(self, actions: Float32) -> Step:
         """Advance by one control step with `actions` (N, A) in [-1, 1] held; larger ones are clipped."""
         task.check_actions(actions, self._controls.shape)
         self._controls[:] = task.controls(self.model, actions)
-        before = self._qpos[:, 0].copy()
+        before, asked, acted = self._qpos[:, 0].copy(), self._commands.speeds, self._commands.values.copy()
         self._batch.step(nstep=self.substeps)
         self._elapsed += 1
-        observation, posture = self._observer(self._qpos, self._qvel)
+        self._commands.advance(self._generator, self._elapsed)
+        observation, posture = self._observe()
         diverged = task.diverged(posture, self._warnings)
         if diverged.any():
             self.diverged_count += int(diverged.sum())
             self._replace(np.flatnonzero(diverged), observation, posture)
         velocity = np.where(diverged, 0.0, (self._qpos[:, 0] - before) / self.control_step)
-        reward = np.where(diverged, 0.0, self.task.reward(velocity, posture)).astype(np.float32)
+        reward = np.where(diverged, 0.0, self.task.reward(velocity, posture, asked)).astype(np.float32)
         terminated = diverged | self.task.fallen(posture)
         truncated = (self._elapsed >= self.task.episode_steps) & ~terminated
         info = _before_reset(observation.copy(), posture, velocity, diverged)
         rows = np.flatnonzero(terminated | truncated)
         if len(rows):
             self._replace(rows, observation, posture)
-        return observation, reward, terminated, truncated, _after_reset(info, posture, rows)
+        info = _after_reset(info, posture, rows) | self._commands.told(acted)
+        return observation, reward, terminated, truncated, info
 
     def _replace(self, rows: Rows, observation: Float32, posture: NDArray[np.float64]) -> None:
         """Start `rows` anew and write what is then seen into their rows of the arrays."""
         self._restart(rows)
-        observation[rows], posture[rows] = self._observer(self._qpos[rows], self._qvel[rows])
+        observation[rows], posture[rows] = self._observe(rows)
 
-    def _restart(self, rows: Rows) -> None:
-        """Draw new states for `rows`."""
+    def _observe(self, rows: Rows | slice = slice(None)) -> tuple[Float32, NDArray[np.float64]]:
+        """Observations (n, C) and postures (n, POSTURE_SIZE) of `rows`."""
+        observation, posture = self._observer(self._qpos[rows], self._qvel[rows])
+        return self._commands.beside(observation, rows), posture
+
+    def _restart(self, rows: Rows, options: dict[str, Any] | None = None) -> None:
+        """Draw new commands and states for `rows`; `options` are those of a reset of all."""
+        self._commands.begin(self._generator, rows)
+        self._commands.give_options(options)
+        asked = self._commands.speeds
         qpos, qvel = self._starts.draw(self._generator, len(rows))
-        qvel[:, 0] += self.task.draw_speed(self._generator, len(rows))
+        qvel[:, 0] += self.task.draw_speed(self._generator, len(rows), None if asked is None else asked[rows])
         self._place(rows, qpos, qvel)
 
     def _place(self, rows: Rows, qpos: NDArray[np.float64], qvel: NDArray[np.float64]) -> None:
@@ -151,6 +174,27 @@ class PlanarHumanoidVectorEnv(VectorEnv[Float32, Float32, Any]):
         """Let `share` of the episodes begin in other states."""
         self._starts = MixedStates(self._starts, states, share)
 
+    def command(
+        self,
+        *,
+        speed: ArrayLike | None = None,
+        gait: Mapping[str, ArrayLike] | None = None,
+        style: ArrayLike | None = None,
+    ) -> Float32:
+        """Ask for something else from the next step to the end of each episode; what is None stays as it is.
+
+        Numbers for all humanoids, or arrays (N,). Returns the observations (N, C) of the same states with these
+        commands. ValueError, and no change, for an environment without commands, an unknown gait, and what is no
+        command.
+
+        Args:
+            speed: m/s.
+            gait: weights of the gaits by name, such as {"walk": 1.0}, that sum to 1; 0 where one is not named.
+            style: share of the leg's stiffness.
+        """
+        self._commands.give(speed=speed, gait=gait, style=style)
+        return self._observe()[0]
+
     def push(self, force: NDArray[np.float64]) -> None:
         """From now on, forward forces (N,), N, act on the pushed body's centre of mass; a restarted row has none."""
         self._forces[:, self._pushed, 0] = force
@@ -160,21 +204,23 @@ class PlanarHumanoidVectorEnv(VectorEnv[Float32, Float32, Any]):
         return np.concatenate([self._qpos, self._qvel], axis=1)
 
     def set_states(self, states: NDArray[np.float64]) -> Float32:
-        """Start episodes in the given states (N, nq + nv) and return their observations."""
+        """Start episodes in the given states (N, nq + nv), with new commands, and return their observations."""
         if states.shape != (self.num_envs, self.model.nq + self.model.nv):
             raise ValueError(f"states must have shape {(self.num_envs, self.model.nq + self.model.nv)}")
         self._place(np.arange(self.num_envs), *np.split(states, [self.model.nq], axis=1))
-        return self._observer(self._qpos, self._qvel)[0]
+        self._commands.begin(self._generator, np.arange(self.num_envs))
+        return self._observe()[0]
 
     def state(self) -> dict[str, Any]:
         """All that the next steps depend on, for `restore`: MuJoCo's integration states, counters, random stream."""
-        return {
+        state = {
             "states": self._batch.state,
             "warnings": self._warnings,
             "elapsed": self._elapsed,
             "diverged_count": self.diverged_count,
             "generator": self._generator.bit_generator.state,
         }
+        return state | ({"commands": self._commands.state()} if self._commands.names else {})
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Go on from a state; the observation is the one that was last returned before it."""
@@ -183,6 +229,8 @@ class PlanarHumanoidVectorEnv(VectorEnv[Float32, Float32, Any]):
         self._elapsed[:] = state["elapsed"]
         self.diverged_count = state["diverged_count"]
         self._generator.bit_generator.state = state["generator"]
+        if self._commands.names:
+            self._commands.restore(state["commands"])
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """One picture (480, 640, 3) per humanoid, from the side."""

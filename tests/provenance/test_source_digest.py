@@ -147,6 +147,8 @@ EDITED = {
     "humanoid/loads.py": {"evaluation"},
     "humanoid/task.py": HUMANOID_RUNS,
     "humanoid/vector_env.py": HUMANOID_RUNS,
+    "humanoid/commands.py": HUMANOID_RUNS,
+    "humanoid/command_schedules.py": HUMANOID_RUNS,
     "humanoid/start_states.py": HUMANOID_RUNS,
     "humanoid/planar_observer.py": HUMANOID_RUNS,
     "humanoid/rendering.py": {"report", "robustness"},

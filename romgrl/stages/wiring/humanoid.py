@@ -6,10 +6,8 @@ from typing import Any
 
 from romgrl.config.schema import Config
 from romgrl.humanoid import model
+from romgrl.humanoid.task import relative_sensitivity
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
-
-SLOWEST = 0.5
-"""Below this target speed, m/s, errors count as they do there: a walker that is to stand may sway."""
 
 
 def humanoid_env(
@@ -32,7 +30,7 @@ def humanoid_env(
         num_envs=num_envs,
         compact=compact,
         speed=config.speed,
-        alpha=speed_sensitivity(config),
+        alpha=config.student.alpha,
         posture_weight=posture_weight,
         episode_steps=episode_steps or humanoid.episode_steps,
         reset_speed=tuple(humanoid.reset_speed),
@@ -46,4 +44,4 @@ def humanoid_env(
 
 def speed_sensitivity(config: Config) -> float:
     """Alpha of the velocity reward, s/m; where it is not given, what 1 is at 4 m/s, by the inverse of the speed."""
-    return 4.0 / max(config.speed, SLOWEST) if config.student.alpha is None else config.student.alpha
+    return float(relative_sensitivity(config.speed)) if config.student.alpha is None else config.student.alpha
