@@ -17,7 +17,7 @@ from romgrl.humanoid.own_body import human_spec
 from romgrl.humanoid.sagittal_plane import hold_in_plane
 from romgrl.humanoid.skeleton import SMPL
 
-EXACT = 17  # significant digits that give a double back
+DOUBLE_DIGITS = 17  # significant digits that give a double back
 
 
 def model_xml(humanoid: Humanoid, model: mujoco.MjModel) -> str:
@@ -49,7 +49,7 @@ def all_digits() -> Iterator[None]:
         yield
         return
     before = library._mjPRIVATE__get_xml_precision()
-    change(EXACT)
+    change(DOUBLE_DIGITS)
     try:
         yield
     finally:

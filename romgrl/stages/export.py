@@ -15,7 +15,7 @@ from romgrl.config.schema import Config
 from romgrl.humanoid.model_xml import model_xml
 from romgrl.runtime.stage_log import StageLog
 from romgrl.stages.exporting import run_policy
-from romgrl.stages.exporting.policy_json import describe
+from romgrl.stages.exporting.policy_json import policy_description
 from romgrl.stages.wiring.humanoid import humanoid_env
 from romgrl.stages.wiring.walker_policy import read_walker
 
@@ -36,7 +36,7 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
         write_bytes(output / "policy.onnx", graph)
         if own:
             write_bytes(output / "model.xml", model_xml(config.humanoid, env.model).encode())
-        described = json.dumps(describe(config, env, read_manifest(inputs["student"])), indent=2)
+        described = json.dumps(policy_description(config, env, read_manifest(inputs["student"])), indent=2)
         write_bytes(output / "policy.json", f"{described}\n".encode())
     write_bytes(output / "run_policy.py", Path(run_policy.__file__).read_bytes())
     log.message("python run_policy.py, in the directory of the artifact, lets it walk" if own else NO_MODEL)

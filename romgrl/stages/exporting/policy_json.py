@@ -18,13 +18,20 @@ from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 from romgrl.stages.wiring.seeds import WATCH_SEED
 
 FORMAT_OF_EXPORT = 1
-UNITS = {"height": "m", "position": "m", "axis_x": "1", "axis_z": "1", "velocity": "m/s", "angular_velocity": "rad/s"}
+COLUMN_UNITS = {
+    "height": "m",
+    "position": "m",
+    "axis_x": "1",
+    "axis_z": "1",
+    "velocity": "m/s",
+    "angular_velocity": "rad/s",
+}
 """Of what the second part of a column's name says."""
 
-Entry = dict[str, Any]
+Section = dict[str, Any]
 
 
-def describe(config: Config, env: PlanarHumanoidVectorEnv, student: Manifest) -> Entry:
+def policy_description(config: Config, env: PlanarHumanoidVectorEnv, student: Manifest) -> Section:
     """The content of policy.json for an environment whose observation has all columns.
 
     Whatever else the file of a `humanoid.xml` describes stays in that file: it may not be ours to pass on.
@@ -42,7 +49,7 @@ def describe(config: Config, env: PlanarHumanoidVectorEnv, student: Manifest) ->
             "timestep": env.model.opt.timestep,
         },
         "target_speed": {"value": config.speed, "unit": "m/s"},
-        "observation": [{"name": name, "unit": UNITS[name.split(".")[1]]} for name in env.observation_names],
+        "observation": [{"name": name, "unit": COLUMN_UNITS[name.split(".")[1]]} for name in env.observation_names],
         "commands": [],  # name, unit, low, high and value of each column that follows those of the body
         "actions": actions,
         "body": {
@@ -63,13 +70,13 @@ def describe(config: Config, env: PlanarHumanoidVectorEnv, student: Manifest) ->
     }
 
 
-def needed_model(path: Path) -> Entry:
+def needed_model(path: Path) -> Section:
     """Which file describes the body, of which nothing is copied; romgrl holds it in the plane."""
     sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
     return {"file": None, "needed": {"name": path.name, "sha256": sha256, "held_in_plane_by": "romgrl"}}
 
 
-def states(config: Config, env: PlanarHumanoidVectorEnv) -> Entry:
+def states(config: Config, env: PlanarHumanoidVectorEnv) -> Section:
     """Where it begins, as in `stage=watch`, and in which postures it has fallen: m and rad."""
     env.reset(seed=config.seed + WATCH_SEED)
     qpos, qvel = np.split(env.states()[0], [env.model.nq])
@@ -83,7 +90,7 @@ def states(config: Config, env: PlanarHumanoidVectorEnv) -> Entry:
     }
 
 
-def actuator(model: mujoco.MjModel, index: int) -> Entry:
+def actuator(model: mujoco.MjModel, index: int) -> Section:
     """An actuator, the joint that it moves, and the least and the largest control and torque: rad, N m and s.
 
     A servo's torque is kp (control - angle) - kd rate, a motor's kp control; both within the limits, and that of a
@@ -97,7 +104,7 @@ def actuator(model: mujoco.MjModel, index: int) -> Entry:
         mujoco.mjtBias.mjBIAS_AFFINE: {"kind": "servo", "unit": "rad", "kp": gain[0], "kd": 0.0 - bias[2]},
         mujoco.mjtBias.mjBIAS_DCMOTOR: {"kind": "dc_servo", "unit": "rad", "kp": gain[4], "kd": 0.0},
     }
-    described: Entry = kinds[mujoco.mjtBias(int(model.actuator_biastype[index]))]
+    described: Section = kinds[mujoco.mjtBias(int(model.actuator_biastype[index]))]
     if described["kind"] == "dc_servo":
         resistance, constant, voltage = gain[[0, 1, 7]]
         described |= {"stall_torque": constant / resistance * voltage, "no_load_speed": voltage / constant}

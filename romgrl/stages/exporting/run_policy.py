@@ -111,7 +111,7 @@ def report(positions: list[float], rate: float, speed: float, *, fell: bool) -> 
     return f"{seconds:.1f} s, {end}; {held:.2f} m/s over the second half (asked for: {speed:.2f} m/s)"
 
 
-def watch(walker: Walker, positions: Iterator[float]) -> Iterator[float]:
+def in_viewer(walker: Walker, positions: Iterator[float]) -> Iterator[float]:
     """The same positions, at the pace of the clock beside MuJoCo's viewer; its window ends them."""
     import mujoco.viewer
 
@@ -152,7 +152,7 @@ def main() -> None:
         sys.exit(str(error))
     rate = walker.description["control"]["rate"]
     positions = walk(walker, policy, round(options.seconds * rate))
-    walked = [*(watch(walker, positions) if options.viewer else positions)]
+    walked = [*(in_viewer(walker, positions) if options.viewer else positions)]
     if walked:
         speed = walker.description["target_speed"]["value"]
         print(report(walked, rate, speed, fell=walker.has_fallen()))
