@@ -21,6 +21,7 @@ from romgrl.humanoid.observation import observation_names
 from romgrl.humanoid.own_body import human_spec
 from romgrl.humanoid.skeleton import SMPL
 from romgrl.humanoid.task import controls
+from romgrl.pipeline import run as pipeline
 from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import export
 from romgrl.stages.exporting.policy_json import actuator
@@ -130,9 +131,23 @@ def test_gains_and_limits_give_the_torques(config: Config, actuation: str) -> No
     assert limited > 0
 
 
+def test_a_job_publishes_it_and_finds_it_again(compose_config: Composer, tmp_path: Path, exported: Path) -> None:
+    outputs = f"paths.outputs={tmp_path}/outputs"
+    job = compose_config("student=pretrained", "stage=export", "threads=1", "tracking=none", outputs)
+    made = pipeline.run(job)["export"]
+    manifest = open_artifact(made, stage="export")
+    assert manifest.files.keys() == FILES
+    assert [*manifest.inputs] == ["student"]
+    for name in FILES - {"policy.json"}:  # which names the artifact of the student
+        assert (made / name).read_bytes() == (exported / name).read_bytes()
+    before = (made / "manifest.json").stat().st_mtime_ns
+    assert pipeline.run(job)["export"] == made
+    assert (made / "manifest.json").stat().st_mtime_ns == before
+
+
 def test_nothing_is_copied_of_a_file_of_the_user(config: Config, tmp_path: Path) -> None:
     """Of the body of a file there are neither model nor numbers; the description says which file it is."""
-    spec = human_spec(height=1.741, mass=73.0)
+    spec = human_spec(height=config.humanoid.height, mass=config.humanoid.mass)
     spec.compile()
     (tmp_path / "body.xml").write_text(spec.to_xml(), encoding="utf-8")
     theirs = replace(config, humanoid=replace(config.humanoid, xml=str(tmp_path / "body.xml")))
