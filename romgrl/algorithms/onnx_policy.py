@@ -31,10 +31,11 @@ def onnx_policy(policy: SACPolicy, *, observations: int, limits: Limits | None) 
         seen = graph.add("Concat", seen, image(graph, seen, "observation", *policy.mirrors.observation), axis=0)
     centred = graph.add("Sub", seen, graph.constant("observation_mean", policy.mean))
     inputs = graph.add("Mul", centred, graph.constant("observation_scale", policy.scale))
-    outputs = {"action": "action" if policy.mirrors is None else "both_actions"}
-    graph.add("Tanh", mean_head(graph, inputs, policy.policy), name=outputs["action"])
-    if policy.mirrors is not None:
-        graph.nodes.append(helper.make_node("Split", ["both_actions"], ["straight", "mirrored"], axis=0))
+    means = mean_head(graph, inputs, policy.policy)
+    if policy.mirrors is None:
+        graph.add("Tanh", means, name="action")
+    else:
+        graph.nodes.append(helper.make_node("Split", [graph.add("Tanh", means)], ["straight", "mirrored"], axis=0))
         total = graph.add("Add", "straight", image(graph, "mirrored", "action", *policy.mirrors.action))
         graph.add("Mul", total, graph.constant("half", np.float32(0.5)), name="action")
     names = ["action"]
