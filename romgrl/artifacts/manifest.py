@@ -25,10 +25,13 @@ SUFFIXES = (
     "md",
     "mp4",
     "npz",
+    "onnx",
     "pdf",
     "png",
+    "py",
     "safetensors",
     "txt",
+    "xml",
 )  # data that no stage executes
 SHA256 = re.compile(r"[0-9a-f]{64}")
 

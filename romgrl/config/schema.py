@@ -15,7 +15,7 @@ from romgrl.config.worlds import ROMS, Humanoid, Rom
 
 PRESETS = ("experiment", "comparison")  # groups whose files change keys of others
 STAGES = ("teacher", "reference", "student", "baseline", "evaluation", "report")
-OPTIONAL_STAGES = ("robustness", "library")  # made only when asked for by name; no stage reads them
+OPTIONAL_STAGES = ("robustness", "library", "export")  # made only when asked for by name; no stage reads them
 
 
 @dataclass

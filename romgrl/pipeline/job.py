@@ -107,7 +107,7 @@ class Job:
             if manifest is None:
                 self.require_place(stage)
                 with exclusive(directory, say=self.say, stopping=self.stopping.is_set):
-                    reused = directory.exists() or fetch_artifact(self.recorder, directory, self.say)
+                    reused = directory.exists() or self.fetched(stage, directory)
                     manifest = self.verify(stage, directory) if reused else self.make(stage, directory, runner, threads)
         self.finished[stage], self.manifests[stage] = directory, manifest
         if reused:
@@ -116,6 +116,10 @@ class Job:
             self.reused[stage] = manifest
         self.run.tags({f"romgrl.key.{stage}": directory.name, f"romgrl.run.{stage}": manifest.run_id or "untracked"})
         self.say(f"artifact: {directory}", f"mlflow run: {manifest.run_id or 'none'}")
+
+    def fetched(self, stage: str, directory: Path) -> bool:
+        """Take the artifact of a stage from the tracking server, where that is allowed and it has one."""
+        return STAGES[stage].fetched and fetch_artifact(self.recorder, directory, self.say)
 
     def require_places(self, stages: Sequence[str]) -> None:
         """Raise ConfigurationError where this user may not write what is to be made, or what is to be set aside."""

@@ -23,7 +23,7 @@ class Stage:
     their labels. `tables`: its CSV files that MLflow shows, with the columns that name a row. `metrics`, `printed`:
     module:function from its directory to numbers of a run, and to what ends a job on the terminal. `beside`: what ships
     trained and is compared with. `drawn`: it makes pictures. `optional`: it is made only where it is asked for by name;
-    no stage reads it.
+    no stage reads it. `fetched`: it may come from a tracking server, which no code is taken from.
     """
 
     doc: str
@@ -37,6 +37,7 @@ class Stage:
     beside: tuple[str, ...] = ()
     drawn: bool = False
     optional: bool = False
+    fetched: bool = True
 
     def numbers(self, directory: Path) -> dict[str, float]:
         """The numbers of a run whose artifact lies in a directory."""
@@ -120,6 +121,15 @@ STAGES: dict[str, Stage] = {
         printed="romgrl.report.library_table:library_tables",
         drawn=True,
         optional=True,
+    ),
+    "export": Stage(
+        "the student as files that run without romgrl",
+        "romgrl.stages.export:run",
+        ("student",),
+        ("humanoid", "speed", "seed"),
+        knobs=WALKING_KNOBS,
+        optional=True,
+        fetched=False,
     ),
 }
 ACTIONS = {

@@ -28,7 +28,7 @@ from tests.helpers.configurations import all_keys
 from tests.helpers.synthetic_library import synthetic_library, write_library
 
 ALL = set(STAGES)
-STUDENT = {"student", "evaluation", "report", "robustness"}
+STUDENT = {"student", "evaluation", "report", "robustness", "export"}
 BOTH = STUDENT | {"baseline"}
 TABLE = {
     "speed=3": BOTH,

@@ -1,0 +1,1 @@
+"""What an export holds beside the policy's graph."""

@@ -1,0 +1,115 @@
+"""policy.json: what a policy sees and does, in which body, and what made it."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+
+import romgrl
+from romgrl.artifacts import Manifest
+from romgrl.config.schema import Config
+from romgrl.humanoid.skeleton import skeleton_of
+from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
+from romgrl.stages.wiring.seeds import WATCH_SEED
+
+FORMAT_OF_EXPORT = 1
+COLUMN_UNITS = {
+    "height": "m",
+    "position": "m",
+    "axis_x": "1",
+    "axis_z": "1",
+    "velocity": "m/s",
+    "angular_velocity": "rad/s",
+}
+"""Of what the second part of a column's name says."""
+
+Section = dict[str, Any]
+
+
+def policy_description(config: Config, env: PlanarHumanoidVectorEnv, student: Manifest) -> Section:
+    """The content of policy.json for an environment whose observation has all columns.
+
+    Whatever else the file of a `humanoid.xml` describes stays in that file: it may not be ours to pass on.
+    """
+    skeleton, own = skeleton_of(env.model), config.humanoid.xml is None
+    actions = [{"joint": joint} for joint in env.action_names]
+    if own:
+        actions = [entry | actuator(env.model, index) for index, entry in enumerate(actions)]
+    settings = json.dumps(student.config, sort_keys=True)
+    return {
+        "format": FORMAT_OF_EXPORT,
+        "control": {
+            "rate": config.humanoid.control_frequency,
+            "substeps": env.substeps,
+            "timestep": env.model.opt.timestep,
+        },
+        "target_speed": {"value": config.speed, "unit": "m/s"},
+        "observation": [{"name": name, "unit": COLUMN_UNITS[name.split(".")[1]]} for name in env.observation_names],
+        "commands": [],  # name, unit, low, high and value of each column that follows those of the body
+        "actions": actions,
+        "body": {
+            "names": [*skeleton.bodies],
+            "root": skeleton.root,
+            "neck": skeleton.neck,
+            "head": skeleton.head,
+            "forward_axis": skeleton.axes[0],
+        },
+        "model": {"file": "model.xml"} if own else needed_model(Path(str(config.humanoid.xml)).expanduser()),
+        **(states(config, env) if own else {}),
+        "made_by": {
+            "romgrl": romgrl.__version__,
+            "student": {"key": student.key, "sha256": student.digest, "romgrl": student.versions.get("romgrl")},
+            "configuration_sha256": hashlib.sha256(settings.encode()).hexdigest(),
+            "revision": student.revision,
+        },
+    }
+
+
+def needed_model(path: Path) -> Section:
+    """Which file describes the body, of which nothing is copied; romgrl holds it in the plane."""
+    sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
+    return {"file": None, "needed": {"name": path.name, "sha256": sha256, "held_in_plane_by": "romgrl"}}
+
+
+def states(config: Config, env: PlanarHumanoidVectorEnv) -> Section:
+    """Where it begins, as in `stage=watch`, and in which postures it has fallen: m and rad."""
+    env.reset(seed=config.seed + WATCH_SEED)
+    qpos, qvel = np.split(env.states()[0], [env.model.nq])
+    return {
+        "start": {"qpos": qpos.tolist(), "qvel": qvel.tolist()},
+        "fall": {
+            "root_height": env.task.pelvis_height,
+            "head_height": env.task.head_height,
+            "trunk_lean": env.task.lean,
+        },
+    }
+
+
+def actuator(model: mujoco.MjModel, index: int) -> Section:
+    """An actuator, the joint that it moves, and the least and the largest control and torque: rad, N m and s.
+
+    A servo's torque is kp (control - angle) - kd rate, a motor's kp control; both within the limits, and that of a
+    `dc_servo` also below the line from its stall torque at rest to none at its no-load speed.
+    """
+    gain, bias = model.actuator_gainprm[index], model.actuator_biasprm[index]
+    joint = int(model.actuator_trnid[index, 0])
+    velocity, position = int(model.jnt_dofadr[joint]), int(model.jnt_qposadr[joint])
+    kinds = {
+        mujoco.mjtBias.mjBIAS_NONE: {"kind": "motor", "unit": "1", "kp": gain[0], "kd": 0.0},
+        mujoco.mjtBias.mjBIAS_AFFINE: {"kind": "servo", "unit": "rad", "kp": gain[0], "kd": 0.0 - bias[2]},
+        mujoco.mjtBias.mjBIAS_DCMOTOR: {"kind": "dc_servo", "unit": "rad", "kp": gain[4], "kd": 0.0},
+    }
+    described: Section = kinds[mujoco.mjtBias(int(model.actuator_biastype[index]))]
+    if described["kind"] == "dc_servo":
+        resistance, constant, voltage = gain[[0, 1, 7]]
+        described |= {"stall_torque": constant / resistance * voltage, "no_load_speed": voltage / constant}
+    ranges = {"control": model.actuator_ctrlrange[index], "torque": model.actuator_forcerange[index]}
+    described |= {name: limits.tolist() for name, limits in ranges.items()}
+    described |= {"default": model.qpos0[position], "joint_range": model.jnt_range[joint].tolist()}
+    described |= {"joint_damping": model.dof_damping[velocity], "joint_armature": model.dof_armature[velocity]}
+    return {name: float(value) if isinstance(value, np.floating) else value for name, value in described.items()}
