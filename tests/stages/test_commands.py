@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +17,7 @@ from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import teacher
 from romgrl.stages.training import speed_check
 from romgrl.stages.training.speed_check import off, rank, worst
-from romgrl.stages.wiring.commands import GRID, asked, asked_in_training, checked_tasks, name_of_task
+from romgrl.stages.wiring.commands import GRID, asked, asked_in_training, checked_tasks, name_of_task, searched_tasks
 from romgrl.stages.wiring.rom import rom_env
 from tests.conftest import Composer
 
@@ -48,6 +50,14 @@ def test_what_is_asked(compose_config: Composer, ranging: Config) -> None:
     assert set(shares) == {0.7, 1.4}
     assert name_of_task(tasks[0]) == "teacher at 2 m/s, stiffness x 0.7"
     assert [name_of_task(task) for task in checked_tasks(one)] == ["teacher"]
+
+
+def test_a_search_tries_the_usual_stiffness_between_its_ends(compose_config: Composer, ranging: Config) -> None:
+    tasks = [(task.teacher.speed, task.teacher.stiffness_share) for task in searched_tasks(ranging)]
+    assert sorted(tasks) == [*product(np.linspace(2, 5, GRID).tolist(), (0.7, 1.0, 1.4))]
+    softer = replace(ranging, teacher=replace(ranging.teacher, stiffness_shares=[0.7, 1.0]))
+    for config in (softer, compose_config("teacher=jumping", "threads=1"), compose_config()):
+        assert searched_tasks(config) == checked_tasks(config)
 
 
 def test_worlds_are_asked_for_it(ranging: Config) -> None:

@@ -19,7 +19,7 @@ from romgrl.runtime.stage_log import StageLog
 from romgrl.stages.training.checkpoints import TrainingCheckpoints
 from romgrl.stages.training.cycle_search import SHORTER, CycleSearch, Task
 from romgrl.stages.training.speed_check import SpeedChecks
-from romgrl.stages.wiring.commands import checked_tasks
+from romgrl.stages.wiring.commands import searched_tasks
 from romgrl.stages.wiring.rom import rom_env
 from romgrl.stages.wiring.teacher_policy import save_phase_policy
 
@@ -84,7 +84,7 @@ def train_by_cmaes(config: Config, output: Path, log: StageLog) -> None:
     torch.set_num_threads(1)
     teacher, path = config.teacher, output / "policy.safetensors"
     assert isinstance(teacher, CMAESTeacher)
-    asked, total = checked_tasks(config), teacher.generations
+    asked, total = searched_tasks(config), teacher.generations
     checks = max(1, CHECKED_EPISODES // (EPISODES * len(asked)))
     watch = SpeedChecks.of(config, output, log, interval=max(1, total // (2 * checks)), total=total, episodes=EPISODES)
     worlds, steps = teacher.population * teacher.rollouts, teacher.search_steps + 1

@@ -51,6 +51,18 @@ def checked_tasks(config: Config) -> list[Config]:
     ]
 
 
+def searched_tasks(config: Config) -> list[Config]:
+    """The configurations at which a search tries its controllers: those of the checks, and at the usual stiffness.
+
+    What is linear in the stiffness is held between its ends, too, where a third of a library's cells are.
+    """
+    tasks, shares = checked_tasks(config), config.teacher.stiffness_shares
+    if shares is None or not shares[0] < 1.0 < shares[1]:
+        return tasks
+    usual = [replace(at, teacher=replace(at.teacher, stiffness_share=1.0)) for at in tasks[:: len({*shares})]]
+    return [*tasks, *usual]
+
+
 def grid(ends: Sequence[float]) -> list[float]:
     """GRID values between two ends, or the one that both are."""
     low, high = ends
