@@ -94,7 +94,10 @@ def in_order(walker: str) -> int:
 
 
 def limits(table: pd.DataFrame) -> pd.DataFrame:
-    """Fall rates of all walkers at the strongest level of each disturbance that the first of them mostly survives."""
+    """Fall rates of all walkers at the strongest level of each disturbance that the first of them mostly survives.
+
+    Means over seeds, and in brackets the smallest and largest.
+    """
     rows, walkers = [], table.walker.unique()
     for name in table.perturbation.unique():
         of, label = table[table.perturbation == name], name.replace("_", " ")
@@ -103,14 +106,18 @@ def limits(table: pd.DataFrame) -> pd.DataFrame:
         held = rates.index[rates.index < lost[0]] if name in GROWING and len(lost) else rates.index
         held = held if len(held) else rates.index[:1]  # it falls at the weakest level, too
         for level in [held[-1]] if name in GROWING else dict.fromkeys([held[0], held[-1]]):
-            falls = {walker: share_of(rates.loc[level, walker]) for walker in walkers}
-            rows.append({"disturbance": label, "level": f"{level:g}", "unit": of.unit.iloc[0], **falls})
+            falls = of[of.level == level].set_index("walker")
+            told = {walker: share_of(*falls.loc[walker, ["fall_rate", "low", "high"]]) for walker in walkers}
+            rows.append({"disturbance": label, "level": f"{level:g}", "unit": of.unit.iloc[0], **told})
     return pd.DataFrame(rows)
 
 
-def share_of(rate: float) -> str:
-    """A fall rate as `20 %`; a dash where there is none."""
-    return f"{fixed(100 * rate, 0)} %" if math.isfinite(rate) else UNKNOWN
+def share_of(rate: float, low: float, high: float) -> str:
+    """A fall rate as `20 % (0 to 40)`, or `20 %` where all are the same; a dash where there is none."""
+    if not math.isfinite(rate):
+        return UNKNOWN
+    spread = f" ({fixed(100 * low, 0)} to {fixed(100 * high, 0)})" if high > low else ""
+    return f"{fixed(100 * rate, 0)} %{spread}"
 
 
 def orbits(jobs: Sequence[JobResult]) -> str:

@@ -74,7 +74,7 @@ def test_results_have_fall_rates_over_seeds(outputs: Path) -> None:
     assert (row.trials, row.fall_rate, row.low, row.high) == (200, pytest.approx(0.2), 0.1, 0.3)
     text = (docs / "results.md").read_text(encoding="utf-8")
     assert "Seeds 0, 1 (chose the settings):\n" in text
-    assert "| push forward | 0.3 | N s/kg | 20 % | 100 % |" in text  # at 0.6 most students fall
+    assert "| push forward | 0.3 | N s/kg | 20 % (10 to 30) | 100 % |" in text  # at 0.6 most students fall
     assert "| mass | 0.8 | share | 0 % | 100 % |" in text
     assert "| mass | 1.2 | share | 0 % | 100 % |" in text
     assert "Largest Floquet multiplier of the teachers: 0.75 (0.40 to 1.10); below 1, so stable, in 1 of 2." in text
