@@ -1,4 +1,4 @@
-"""The words that YAML may use in `${...}` beside OmegaConf's and Hydra's own: `draw` (search_space.py) and `within`."""
+"""The words of a YAML file's `${...}` beside OmegaConf's and Hydra's own: `draw` (search_space.py) and `nearest`."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from romgrl.cli.search_space import random_value
 def register() -> None:
     """Tell OmegaConf the words."""
     OmegaConf.register_new_resolver("draw", random_value, replace=True)
-    OmegaConf.register_new_resolver("within", within, replace=True)
+    OmegaConf.register_new_resolver("nearest", nearest, replace=True)
 
 
-def within(value: Any, limits: Any, otherwise: float) -> Any:
-    """The value where it lies between two limits; something else where it does not, or where there are no such limits.
+def nearest(value: Any, limits: Any) -> Any:
+    """The number between two limits that is nearest to a value; the value itself where there are no such limits.
 
-    `${within:${speed},${.speeds},1.25}`: the speed that is asked for, if it is one of this teacher's.
+    `${nearest:${speed},${.speeds}}`: the speed that is asked for, as far as it is one of this teacher's.
     """
     try:
         low, high = limits
-        return value if low <= value <= high else otherwise
+        return value if low <= value <= high else min(max(value, low), high)
     except (TypeError, ValueError):  # no limits, or wrong ones, which are told of by their own key
-        return otherwise
+        return value
