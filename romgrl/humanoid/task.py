@@ -38,6 +38,11 @@ def relative_sensitivity(speed: float | Array) -> Array:
     return np.asarray(4.0 / np.maximum(speed, SLOWEST))
 
 
+def sensitivity(alpha: float | None, speed: float | Array) -> float | Array:
+    """Alpha of `speed_reward`, s/m: the one that is given, or for None `relative_sensitivity` of the speed, m/s."""
+    return relative_sensitivity(speed) if alpha is None else alpha
+
+
 def posture_reward(posture: Array, *, standing_height: float) -> Array:
     """exp(-(lean / 0.3 rad)^2 - ((pelvis height / standing height - 1) / 0.1)^2) (N,): upright and high."""
     lean, height = posture[:, TRUNK_LEAN] / UPRIGHT, (posture[:, PELVIS_HEIGHT] / standing_height - 1.0) / HIGH
@@ -152,8 +157,7 @@ class SpeedTask:
     def reward(self, forward_velocity: Array, posture: Array, speeds: Array | None = None) -> Array:
         """(1 - w) `speed_reward` + w `posture_reward`, (N,), at this task's speed or at those of commands (N,)."""
         asked = self.speed if speeds is None else speeds
-        alpha = relative_sensitivity(asked) if self.alpha is None else self.alpha
-        rewarded = speed_reward(forward_velocity, speed=asked, alpha=alpha)
+        rewarded = speed_reward(forward_velocity, speed=asked, alpha=sensitivity(self.alpha, asked))
         upright = posture_reward(posture, standing_height=self.standing_height)
         return (1.0 - self.posture_weight) * rewarded + self.posture_weight * upright
 

@@ -236,8 +236,8 @@ class PlanarHumanoidVectorEnv(VectorEnv[Float32, Float32, Any]):
         ValueError, and no change, for the state of another number of humanoids, of another body, or of other commands.
         """
         for name, own in (("states", self._batch.state), ("warnings", self._warnings), ("elapsed", self._elapsed)):
-            if np.shape(state.get(name)) != own.shape:
-                raise ValueError(f"state must have {name} of shape {own.shape}, not {np.shape(state.get(name))}")
+            if (found := np.asarray(state.get(name)).shape) != own.shape:
+                raise ValueError(f"state must have {name} of shape {own.shape}, not {found}")
         try:
             np.random.default_rng(0).bit_generator.state = state["generator"]
             int(state["diverged_count"])

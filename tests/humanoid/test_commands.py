@@ -247,6 +247,7 @@ def test_an_environment_without_commands_takes_none() -> None:
 
 def test_sensitivity_by_hand() -> None:
     assert task.relative_sensitivity(np.array([0.0, 0.25, 0.5, 1.0, 4.0])).tolist() == [8.0, 8.0, 8.0, 4.0, 1.0]
+    assert (task.sensitivity(None, 2.0), task.sensitivity(2.5, 2.0)) == (2.0, 2.5)
     found = task.SpeedTask.of(PlanarHumanoidEnv().model, speed=2.0, alpha=None).reward(
         np.array([1.5]), np.zeros((1, 10))
     )
