@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypedDict
+from typing import Any, TypedDict
 
 import mujoco
 import numpy as np
@@ -18,6 +18,7 @@ from romgrl.humanoid.planar_observer import FASTEST, HEAD_HEIGHT, PELVIS_HEIGHT,
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+Speeds = NDArray[np.floating[Any]]
 
 UPRIGHT, HIGH = 0.3, 0.1
 """Lean of the trunk (rad), and share of the standing height by which the pelvis is off, that leave 1/e of the reward
@@ -28,9 +29,10 @@ VELOCITY_LIMIT = 200.0
 """A joint speed (rad/s or m/s) that no body reaches: the simulation has diverged."""
 
 
-def speed_reward(forward_velocity: Array, *, speed: float | Array, alpha: float | Array) -> Array:
+def speed_reward(forward_velocity: Speeds, *, speed: float | Array, alpha: float | Array) -> Array:
     """exp(-alpha |v - speed|) (N,), the paper's task reward; one speed and alpha for all, or (N,)."""
-    return np.exp(-alpha * np.abs(forward_velocity - speed))
+    rewarded: Array = np.exp(-alpha * np.abs(forward_velocity - speed))
+    return rewarded
 
 
 def relative_sensitivity(speed: float | Array) -> Array:
