@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 from romgrl.config.fields import key, one_of
 from romgrl.config.learners import Discriminator, Student
-from romgrl.config.teachers import TEACHERS, Teacher
+from romgrl.config.teachers import TEACHERS, TOP_SPEED, Teacher
 from romgrl.config.worlds import ROMS, Humanoid, Rom
 
 PRESETS = ("experiment", "comparison")  # groups whose files change keys of others
@@ -110,7 +110,7 @@ class Config:
         "earlier jobs could not; verify: compare what is finished with the paper",
         choices=("all", *STAGES, *OPTIONAL_STAGES, "watch", "sync", "verify"),
     )
-    speed: float = key("target speed of student and baseline", unit="m/s", low=0, high=10)
+    speed: float = key("target speed of student and baseline", unit="m/s", low=0, high=TOP_SPEED)
     eta: float = key("weight of the task reward; 1 - eta weighs imitation", low=0, high=1)
     noise: float = key(
         "standard deviation of the Gaussian noise on both streams of the discriminator: in m and rad, or in deviations "

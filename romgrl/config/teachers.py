@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 from romgrl.config.fields import key
 
+TOP_SPEED = 10  # m/s, which nobody is asked for more than
+TOP_STIFFNESS_SHARE = 10
 GAITS = ("run", "walk", "hop", "skip", "jump")  # of romgrl.gait.footfall
 LONG_RUN = 1_000  # control steps over which a teacher is watched: 33 s, after which runs are steady
 
@@ -24,23 +26,26 @@ class Teacher:
         choices=GAITS,
         before=("run", "walk"),
     )
-    speed: float = key("target speed of the teacher", unit="m/s", low=0, high=10)
+    speed: float = key("target speed of the teacher", unit="m/s", low=0, high=TOP_SPEED)
     speeds: list[float] | None = key(
         "range of the speeds that worlds are asked for in a training, each episode another, for a teacher of any of "
         "them; null: speed alone",
         unit="m/s",
         low=0,
-        high=10,
+        high=TOP_SPEED,
         span=True,
         before=None,
     )
     stiffness_share: float = key(
-        "stiffness of the legs that is asked for, share of rom.stiffness", low=0.1, high=10, before=1.0
+        "stiffness of the legs that is asked for, share of rom.stiffness",
+        low=0.1,
+        high=TOP_STIFFNESS_SHARE,
+        before=1.0,
     )
     stiffness_shares: list[float] | None = key(
         "range of it that worlds have in a training, each episode another; null: stiffness_share alone",
         low=0.1,
-        high=10,
+        high=TOP_STIFFNESS_SHARE,
         span=True,
         before=None,
     )

@@ -1,27 +1,39 @@
 """When humanoids are asked for what: commands drawn at random for a training, or read from a table.
 
 A command (2 + G,) is a target speed, m/s, one weight for each of G gaits, which sum to 1, and a style, the share of a
-leg's stiffness.
+leg's stiffness, which the reduced-order model and its teachers call `stiffness_share`: the `Commands` of
+`romgrl.rom.parameters` are another class.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
-Rows = NDArray[np.int64]
+from romgrl.humanoid.command_checks import (
+    FASTEST_COMMAND,
+    ROUNDING,
+    SPEED,
+    STIFFEST_STYLE,
+    STYLE,
+    Array,
+    Rows,
+    check_commands,
+    check_gaits,
+    check_range,
+    check_weights_by_name,
+    number_between,
+    numbers,
+    numbers_of_each,
+    shown,
+)
+
 _Range = tuple[float, float]
-
-SPEED, WEIGHTS, STYLE = 0, slice(1, -1), -1
-"""Columns of a command."""
-ROUNDING = 1e-6
-"""Seconds, or control steps, by which a change may seem to be late and is not."""
 
 
 class CommandSchedule(Protocol):
@@ -66,31 +78,35 @@ class DrawnCommands:
     """m/s."""
     standing_share: float = 0.05
 
+    _ranges: Array = field(init=False, repr=False, compare=False)
+    """Speeds of each gait (G, 2)."""
+
     def __post_init__(self) -> None:
-        _check_gaits(self.gaits)
-        if isinstance(self.speeds, Mapping) and set(self.speeds) != set(self.gaits):
-            raise ValueError(f"speeds must have a range for each of the gaits {[*self.gaits]}, not {[*self.speeds]}")
-        speeds = self.speeds if isinstance(self.speeds, Mapping) else {"every gait": self.speeds}
-        for name, limits in speeds.items():
-            _check_range(f"speeds of {name}", limits)
-        _check_range("styles", self.styles, positive=True)
-        _check_range("hold_seconds", self.hold_seconds, positive=True)
-        if not 0 <= self.near < np.inf:
-            raise ValueError(f"near must be at least 0, not {self.near}")
-        for name in ("step_share", "standing_share"):
-            if not 0 <= getattr(self, name) <= 1:
-                raise ValueError(f"{name} must be between 0 and 1, not {getattr(self, name)}")
+        gaits, speeds = check_gaits(self.gaits), self.speeds
+        if isinstance(speeds, Mapping) and set(speeds) != set(gaits):
+            raise ValueError(f"speeds must have a range for each of the gaits {shown(gaits)}, not {shown([*speeds])}")
+        ranges = (
+            {gait: check_range(f"speeds of {gait}", speeds[gait], top=FASTEST_COMMAND) for gait in gaits}
+            if isinstance(speeds, Mapping)
+            else dict.fromkeys(gaits, check_range("speeds", speeds, top=FASTEST_COMMAND))
+        )
+        kept = {
+            "gaits": gaits,
+            "speeds": ranges if isinstance(speeds, Mapping) else ranges[gaits[0]],
+            "styles": check_range("styles", self.styles, top=STIFFEST_STYLE, positive=True),
+            "hold_seconds": check_range("hold_seconds", self.hold_seconds, positive=True),
+            "near": number_between("near", self.near),
+            "step_share": number_between("step_share", self.step_share, 1.0),
+            "standing_share": number_between("standing_share", self.standing_share, 1.0),
+            "_ranges": np.array([ranges[gait] for gait in gaits]),
+        }
+        for name, value in kept.items():  # what was given may be a list or a mapping that changes afterwards
+            object.__setattr__(self, name, value)
 
     @property
     def count(self) -> int | None:
         """Any number of humanoids."""
         return None
-
-    @cached_property
-    def _speeds(self) -> Array:
-        """Range of each gait (G, 2)."""
-        speeds = self.speeds
-        return np.array([speeds[gait] if isinstance(speeds, Mapping) else speeds for gait in self.gaits], np.float64)
 
     def following(
         self, generator: np.random.Generator, rows: Rows, seconds: Array, before: Array | None
@@ -98,7 +114,7 @@ class DrawnCommands:
         """Drawn anew, with the time for which each is held."""
         count = len(rows)
         gait = generator.integers(len(self.gaits), size=count)
-        low, high = self._speeds[gait].T
+        low, high = self._ranges[gait].T
         if before is not None:
             near = generator.random(count) >= self.step_share
             least, most = (np.clip(before[:, SPEED] + off, low, high) for off in (-self.near, self.near))
@@ -133,15 +149,20 @@ class CommandTable:
     @classmethod
     def constant(cls, speed: ArrayLike, gait: Mapping[str, ArrayLike], style: ArrayLike = 1.0) -> CommandTable:
         """One command, or one for each humanoid, of numbers or arrays (N,); `gait` names all gaits that there are."""
-        _check_gaits([*gait])
-        weights = np.stack(np.broadcast_arrays(*gait.values()), axis=-1)
-        return cls([*gait], [0.0], np.array(speed, ndmin=2), np.array(weights, ndmin=3), np.array(style, ndmin=2))
+        check_gaits([*check_weights_by_name(gait)])
+        weights = [numbers_of_each(f"gait {name}", weight) for name, weight in gait.items()]
+        try:
+            together = np.stack(np.broadcast_arrays(*weights), axis=-1)
+        except ValueError as error:
+            raise ValueError(f"gait must have as many weights for each name, not {shown(gait)}") from error
+        asked, styles = numbers_of_each("speed", speed), numbers_of_each("style", style)
+        return cls([*gait], [0.0], np.array(asked, ndmin=2), np.array(together, ndmin=3), np.array(styles, ndmin=2))
 
     def __post_init__(self) -> None:
-        _check_gaits(self.gaits)
+        object.__setattr__(self, "gaits", check_gaits(self.gaits))
         times = self._times
         if times.ndim != 1 or not len(times) or times[0] != 0 or not (np.diff(times) > 0).all() or np.isinf(times[-1]):
-            raise ValueError(f"times must rise from 0, not be {times}")
+            raise ValueError(f"times must rise from 0, not be {shown(times.tolist())}")
         check_commands(self._commands)
 
     @property
@@ -151,25 +172,35 @@ class CommandTable:
 
     @cached_property
     def _times(self) -> Array:
-        return np.array(self.times, dtype=np.float64)
+        return numbers("times", self.times)
 
     @cached_property
     def _commands(self) -> Array:
         """(T, N, 2 + G), or (T, 1, 2 + G) for all humanoids."""
-        speeds, weights, styles = (
-            np.array(values, dtype=np.float64) for values in (self.speeds, self.weights, self.styles)
-        )
+        weights = numbers("weights", self.weights)
         if weights.shape[-1:] != (len(self.gaits),):
-            raise ValueError(f"weights must have {len(self.gaits)} columns, one for each gait, not {weights.shape}")
-        try:
-            parts = [_by_humanoid(speeds[..., None]), _by_humanoid(weights), _by_humanoid(styles[..., None])]
-            shape = np.broadcast_shapes((len(self._times), 1), *(part.shape[:2] for part in parts))
-            if shape[0] != len(self._times):
-                raise ValueError("more rows than times")
-            return np.concatenate([np.broadcast_to(part, (*shape, part.shape[-1])) for part in parts], axis=-1)
-        except ValueError as error:
-            shapes = f"speeds {speeds.shape}, weights {weights.shape} and styles {styles.shape}"
-            raise ValueError(f"{shapes} do not fit {len(self._times)} times and one number of humanoids") from error
+            raise ValueError(
+                f"weights must have {len(self.gaits)} columns, one for each gait, not shape {weights.shape}"
+            )
+        speeds, styles = numbers("speeds", self.speeds), numbers("styles", self.styles)
+        parts = [
+            self._by_humanoid(name, values)
+            for name, values in (("speeds", speeds[..., None]), ("weights", weights), ("styles", styles[..., None]))
+        ]
+        counts = sorted({part.shape[1] for part in parts} - {1})
+        if len(counts) > 1:
+            raise ValueError(f"speeds, weights and styles must be for one number of humanoids, not for {counts}")
+        shape = (len(self._times), counts[0] if counts else 1)
+        return np.concatenate([np.broadcast_to(part, (*shape, part.shape[-1])) for part in parts], axis=-1)
+
+    def _by_humanoid(self, name: str, values: Array) -> Array:
+        """(T, N, columns) of values (columns,), (T, columns) or (T, N, columns), with 1 where they lack an axis."""
+        *leading, columns = values.shape
+        if len(leading) > 2 or leading[:1] not in ([], [1], [len(self._times)]) or 0 in leading:
+            raise ValueError(
+                f"{name} must be for {len(self._times)} times and 1 or more humanoids, not {tuple(leading)}"
+            )
+        return values.reshape(*leading, *(1,) * (2 - len(leading)), columns)
 
     def following(
         self, generator: np.random.Generator, rows: Rows, seconds: Array, before: Array | None
@@ -185,33 +216,3 @@ class CommandTable:
         share = (seconds - times[row]) / np.where(row < last, times[after] - times[row], 1.0)
         found += np.clip(share, 0.0, 1.0)[:, None] * (commands[after, column] - found)
         return found, np.where(row < last, 0.0, np.inf)
-
-
-def check_commands(commands: Array) -> None:
-    """ValueError unless these (..., 2 + G) are commands."""
-    speed, weights, style = commands[..., SPEED], commands[..., WEIGHTS], commands[..., STYLE]
-    for name, values, good, needed in (
-        ("speed", speed, np.isfinite(speed) & (speed >= 0), "at least 0"),
-        ("style", style, np.isfinite(style) & (style > 0), "positive"),
-    ):
-        if not good.all():
-            raise ValueError(f"{name} must be {needed}, not {values[~good][0]}")
-    good = (weights >= 0).all(axis=-1) & (np.abs(weights.sum(axis=-1) - 1.0) <= ROUNDING)
-    if not good.all():
-        raise ValueError(f"weights of the gaits must be at least 0 and sum to 1, not {weights[~good][0].tolist()}")
-
-
-def _check_gaits(gaits: Sequence[str]) -> None:
-    if isinstance(gaits, str) or not gaits or len({*gaits}) < len(gaits):
-        raise ValueError(f"gaits must be one or more different names, not {gaits!r}")
-
-
-def _check_range(name: str, limits: _Range, *, positive: bool = False) -> None:
-    if len(limits) != 2 or not 0 <= limits[0] <= limits[1] < np.inf or (positive and limits[0] == 0):
-        raise ValueError(f"{name} must be a range {'above' if positive else 'from'} 0, not {limits}")
-
-
-def _by_humanoid(values: Array) -> Array:
-    """(T, N, columns) of values (columns,), (T, columns) or (T, N, columns), with 1 where they lack an axis."""
-    leading, columns = values.shape[:-1], values.shape[-1]
-    return values.reshape(*leading, *(1,) * (2 - len(leading)), columns)

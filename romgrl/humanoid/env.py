@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from romgrl.humanoid import task
 from romgrl.humanoid.command_schedules import CommandSchedule
-from romgrl.humanoid.commands import CurrentCommands
+from romgrl.humanoid.commands import CurrentCommands, Given
 from romgrl.humanoid.model import CONTROL_FREQUENCY, build, dimensions
 from romgrl.humanoid.observation import mirror_observation, observation_names, varying_columns
 from romgrl.humanoid.planar_observer import GAIT_FEATURES, SOLE_HEIGHT, TRUNK_LEAN, PlanarObserver
@@ -80,17 +80,22 @@ class PlanarHumanoidEnv(gym.Env[Float32, Float32]):
 
         options: arguments of `command`, which hold to the end of the episode; ValueError for any others.
         """
+        given = self._commands.checked_options(options)
         super().reset(seed=seed)
         if seed is not None:
             self._generator = np.random.default_rng(seed)
-        self._restart(options)
+        self._restart(given)
         observation, posture = self._observe()
         info = _info(posture, float(self._data.qvel[0]), diverged=False)
-        return observation, info | self._told(self._commands.values)
+        return observation, info | self._commands.told(command=self._commands.values[0].copy())
 
     def step(self, action: Float32) -> tuple[Float32, float, bool, bool, dict[str, Any]]:
-        """Advance by one control step with `action` (A,) held; numbers beyond [-1, 1] are clipped."""
+        """Advance by one control step with `action` (A,) held; numbers beyond [-1, 1] are clipped.
+
+        ValueError for actions of another shape or not finite, and, with commands, before the first reset.
+        """
         task.check_actions(action, self._data.ctrl.shape)
+        self._commands.require_begun()
         self._data.ctrl[:] = task.controls(self.model, action)
         before, asked, acted = self._data.qpos[0], self._commands.speeds, self._commands.values.copy()
         mujoco.mj_step(self.model, self._data, nstep=self.substeps)
@@ -106,7 +111,7 @@ class PlanarHumanoidEnv(gym.Env[Float32, Float32]):
         reward = 0.0 if diverged else float(np.float32(self.task.reward(np.array([velocity]), posture, asked)[0]))
         terminated = diverged or bool(self.task.fallen(posture)[0])
         truncated = self._elapsed >= self.task.episode_steps and not terminated
-        info = _info(posture, velocity, diverged=diverged) | self._told(acted)
+        info = _info(posture, velocity, diverged=diverged) | self._commands.told(command=acted[0])
         return observation, reward, terminated, truncated, info
 
     def command(
@@ -116,10 +121,12 @@ class PlanarHumanoidEnv(gym.Env[Float32, Float32]):
         gait: Mapping[str, ArrayLike] | None = None,
         style: float | None = None,
     ) -> Float32:
-        """Ask for something else from the next step to the end of the episode; what is None stays as it is.
+        """Ask for something else from the next step to the end of the episode; what is None stays as it is now.
+
+        The schedule is over for this episode, unless nothing is given: then nothing changes.
 
         Returns the observation (C,) of the same state with this command. ValueError, and no change, for an environment
-        without commands, an unknown gait, and what is no command.
+        without commands, before the first reset, for an unknown gait, and for what is no command.
 
         Args:
             speed: m/s.
@@ -129,9 +136,8 @@ class PlanarHumanoidEnv(gym.Env[Float32, Float32]):
         self._commands.give(speed=speed, gait=gait, style=style)
         return self._observe()[0]
 
-    def _restart(self, options: dict[str, Any] | None = None) -> None:
-        self._commands.begin(self._generator, np.arange(1))
-        self._commands.give_options(options)
+    def _restart(self, given: Given = ()) -> None:
+        self._commands.begin(self._generator, np.arange(1), given)
         mujoco.mj_resetData(self.model, self._data)
         self._data.qpos[:], self._data.qvel[:] = (rows[0] for rows in self._starts.draw(self._generator, 1))
         self._data.qvel[0] += self.task.draw_speed(self._generator, 1, self._commands.speeds)[0]
@@ -141,10 +147,6 @@ class PlanarHumanoidEnv(gym.Env[Float32, Float32]):
         """Observation and posture (1, POSTURE_SIZE)."""
         observation, posture = self._observer(self._data.qpos[None], self._data.qvel[None])
         return self._commands.beside(observation)[0], posture
-
-    def _told(self, acted: Float32) -> dict[str, Any]:
-        """What `info` says of the command (1, 2 + G) that acted."""
-        return {"command": acted[0].copy()} if self._commands.names else {}
 
     def state(self) -> NDArray[np.float64]:
         """Physics state (nq + nv,): qpos and qvel."""

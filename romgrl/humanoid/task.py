@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypedDict
+from typing import Any, TypedDict
 
 import mujoco
 import numpy as np
@@ -18,6 +18,7 @@ from romgrl.humanoid.planar_observer import FASTEST, HEAD_HEIGHT, PELVIS_HEIGHT,
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+Speeds = NDArray[np.floating[Any]]
 
 UPRIGHT, HIGH = 0.3, 0.1
 """Lean of the trunk (rad), and share of the standing height by which the pelvis is off, that leave 1/e of the reward
@@ -28,14 +29,20 @@ VELOCITY_LIMIT = 200.0
 """A joint speed (rad/s or m/s) that no body reaches: the simulation has diverged."""
 
 
-def speed_reward(forward_velocity: Array, *, speed: float | Array, alpha: float | Array) -> Array:
+def speed_reward(forward_velocity: Speeds, *, speed: float | Array, alpha: float | Array) -> Array:
     """exp(-alpha |v - speed|) (N,), the paper's task reward; one speed and alpha for all, or (N,)."""
-    return np.exp(-alpha * np.abs(forward_velocity - speed))
+    rewarded: Array = np.exp(-alpha * np.abs(forward_velocity - speed))
+    return rewarded
 
 
 def relative_sensitivity(speed: float | Array) -> Array:
     """Alpha, s/m, with which a relative error counts the same at all speeds, m/s: 1 at 4 m/s, as in the paper."""
     return np.asarray(4.0 / np.maximum(speed, SLOWEST))
+
+
+def sensitivity(alpha: float | None, speed: float | Array) -> float | Array:
+    """Alpha of `speed_reward`, s/m: the one that is given, or for None `relative_sensitivity` of the speed, m/s."""
+    return relative_sensitivity(speed) if alpha is None else alpha
 
 
 def posture_reward(posture: Array, *, standing_height: float) -> Array:
@@ -152,8 +159,7 @@ class SpeedTask:
     def reward(self, forward_velocity: Array, posture: Array, speeds: Array | None = None) -> Array:
         """(1 - w) `speed_reward` + w `posture_reward`, (N,), at this task's speed or at those of commands (N,)."""
         asked = self.speed if speeds is None else speeds
-        alpha = relative_sensitivity(asked) if self.alpha is None else self.alpha
-        rewarded = speed_reward(forward_velocity, speed=asked, alpha=alpha)
+        rewarded = speed_reward(forward_velocity, speed=asked, alpha=sensitivity(self.alpha, asked))
         upright = posture_reward(posture, standing_height=self.standing_height)
         return (1.0 - self.posture_weight) * rewarded + self.posture_weight * upright
 

@@ -13,8 +13,9 @@ from mujoco.batch import Batch
 from numpy.typing import ArrayLike, NDArray
 
 from romgrl.humanoid import task
-from romgrl.humanoid.command_schedules import CommandSchedule, Rows
-from romgrl.humanoid.commands import CurrentCommands
+from romgrl.humanoid.command_checks import Rows
+from romgrl.humanoid.command_schedules import CommandSchedule
+from romgrl.humanoid.commands import CurrentCommands, Given
 from romgrl.humanoid.model import CONTROL_FREQUENCY, build, dimensions
 from romgrl.humanoid.observation import mirror_observation, observation_names, varying_columns
 from romgrl.humanoid.planar_observer import GAIT_FEATURES, SOLE_HEIGHT, TRUNK_LEAN, PlanarObserver
@@ -111,18 +112,23 @@ class PlanarHumanoidVectorEnv(VectorEnv[Float32, Float32, Any]):
 
         options: arguments of `command`, which hold to the end of each episode; ValueError for any others.
         """
+        given = self._commands.checked_options(options)
         if seed is not None:
             self._generator = np.random.default_rng(seed)
-        self._restart(np.arange(self.num_envs), options)
+        self._restart(np.arange(self.num_envs), given)
         observation, posture = self._observe()
         nothing = np.zeros(self.num_envs, dtype=np.bool_)
         info = _before_reset(observation.copy(), posture, self._qvel[:, 0], nothing)
-        told = self._commands.told(self._commands.values.copy())
+        told = self._commands.told(command=self._commands.values.copy(), reset_command=self._commands.values.copy())
         return observation, _after_reset(info, posture, np.arange(0)) | told
 
     def step(self, actions: Float32) -> Step:
-        """Advance by one control step with `actions` (N, A) in [-1, 1] held; larger ones are clipped."""
+        """Advance by one control step with `actions` (N, A) in [-1, 1] held; larger ones are clipped.
+
+        ValueError for actions of another shape or not finite, and, with commands, before the first reset.
+        """
         task.check_actions(actions, self._controls.shape)
+        self._commands.require_begun()
         self._controls[:] = task.controls(self.model, actions)
         before, asked, acted = self._qpos[:, 0].copy(), self._commands.speeds, self._commands.values.copy()
         self._batch.step(nstep=self.substeps)
@@ -141,7 +147,8 @@ class PlanarHumanoidVectorEnv(VectorEnv[Float32, Float32, Any]):
         rows = np.flatnonzero(terminated | truncated)
         if len(rows):
             self._replace(rows, observation, posture)
-        info = _after_reset(info, posture, rows) | self._commands.told(acted)
+        told = self._commands.told(command=acted, reset_command=self._commands.values.copy())
+        info = _after_reset(info, posture, rows) | told
         return observation, reward, terminated, truncated, info
 
     def _replace(self, rows: Rows, observation: Float32, posture: NDArray[np.float64]) -> None:
@@ -154,10 +161,9 @@ class PlanarHumanoidVectorEnv(VectorEnv[Float32, Float32, Any]):
         observation, posture = self._observer(self._qpos[rows], self._qvel[rows])
         return self._commands.beside(observation, rows), posture
 
-    def _restart(self, rows: Rows, options: dict[str, Any] | None = None) -> None:
-        """Draw new commands and states for `rows`; `options` are those of a reset of all."""
-        self._commands.begin(self._generator, rows)
-        self._commands.give_options(options)
+    def _restart(self, rows: Rows, given: Given = ()) -> None:
+        """Draw new commands and states for `rows`; `given` replaces the commands of all."""
+        self._commands.begin(self._generator, rows, given)
         asked = self._commands.speeds
         qpos, qvel = self._starts.draw(self._generator, len(rows))
         qvel[:, 0] += self.task.draw_speed(self._generator, len(rows), None if asked is None else asked[rows])
@@ -181,11 +187,13 @@ class PlanarHumanoidVectorEnv(VectorEnv[Float32, Float32, Any]):
         gait: Mapping[str, ArrayLike] | None = None,
         style: ArrayLike | None = None,
     ) -> Float32:
-        """Ask for something else from the next step to the end of each episode; what is None stays as it is.
+        """Ask for something else from the next step to the end of each episode; what is None stays as it is now.
+
+        The schedule is over for these episodes, unless nothing is given: then nothing changes.
 
         Numbers for all humanoids, or arrays (N,). Returns the observations (N, C) of the same states with these
-        commands. ValueError, and no change, for an environment without commands, an unknown gait, and what is no
-        command.
+        commands. ValueError, and no change, for an environment without commands, before the first reset, for an unknown
+        gait, and for what is no command.
 
         Args:
             speed: m/s.
@@ -220,17 +228,27 @@ class PlanarHumanoidVectorEnv(VectorEnv[Float32, Float32, Any]):
             "diverged_count": self.diverged_count,
             "generator": self._generator.bit_generator.state,
         }
-        return state | ({"commands": self._commands.state()} if self._commands.names else {})
+        return state | ({"commands": self._commands.state()} if self._commands.schedule is not None else {})
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Go on from a state; the observation is the one that was last returned before it."""
+        """Go on from a state; the observation is the one that was last returned before it.
+
+        ValueError, and no change, for the state of another number of humanoids, of another body, or of other commands.
+        """
+        for name, own in (("states", self._batch.state), ("warnings", self._warnings), ("elapsed", self._elapsed)):
+            if (found := np.asarray(state.get(name)).shape) != own.shape:
+                raise ValueError(f"state must have {name} of shape {own.shape}, not {found}")
+        try:
+            np.random.default_rng(0).bit_generator.state = state["generator"]
+            int(state["diverged_count"])
+        except (KeyError, TypeError, ValueError) as error:
+            raise ValueError("state must have generator and diverged_count as an environment gives them") from error
+        self._commands.restore(state.get("commands"))  # the first that changes anything
         self._batch.state[:] = state["states"]
         self._warnings[:] = state["warnings"]
         self._elapsed[:] = state["elapsed"]
         self.diverged_count = state["diverged_count"]
         self._generator.bit_generator.state = state["generator"]
-        if self._commands.names:
-            self._commands.restore(state["commands"])
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """One picture (480, 640, 3) per humanoid, from the side."""

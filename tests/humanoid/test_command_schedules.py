@@ -94,8 +94,8 @@ def test_steps_of_a_table() -> None:
 def test_a_change_is_not_late_by_a_rounding() -> None:
     """Rows 0.1 s apart are 3 steps apart, although sums of thirtieths are no tenths."""
     rows = np.arange(100)
-    seen = played(CommandTable(("run",), 0.1 * rows, rows, [1.0]), 297)[:, 0, 0]
-    assert np.array_equal(seen, np.arange(298) // 3)
+    seen = played(CommandTable(("run",), 0.1 * rows, rows % 10, [1.0]), 297)[:, 0, 0]
+    assert np.array_equal(seen, np.arange(298) // 3 % 10)
 
 
 def test_ramps_of_a_table() -> None:
@@ -112,7 +112,7 @@ def test_a_table_for_each_humanoid() -> None:
     seen = played(table, 30, count=3)
     assert table.count == 3
     assert seen[[0, 29, 30], :, 0].tolist() == [[1, 2, 3], [1, 2, 3], [4, 5, 6]]
-    with pytest.raises(ValueError, match="for 3 humanoids, not for num_envs = 2"):
+    with pytest.raises(ValueError, match="commands must be for as many humanoids as there are, 2, not 3"):
         CurrentCommands(table, 2, DT)
 
 
@@ -126,15 +126,34 @@ def test_constant_commands() -> None:
 @pytest.mark.parametrize(
     ("bad", "match"),
     [
-        ({"gaits": ()}, "gaits must be one or more"),
-        ({"gaits": "run"}, "gaits must be one or more"),
+        ({"gaits": ()}, "gaits must be a tuple or list of one or more"),
+        ({"gaits": "run"}, "gaits must be a tuple or list of one or more"),
         ({"gaits": ("run", "run")}, "different names"),
-        ({"speeds": (4.0, 1.0)}, "speeds of every gait must be a range from 0"),
+        ({"speeds": (4.0, 1.0)}, "speeds must be a finite range from 0 to 10"),
         ({"speeds": {"walk": (1.0, 2.0)}}, "a range for each of the gaits"),
-        ({"speeds": {"run": (-1.0, 2.0)}}, "speeds of run must be a range"),
-        ({"styles": (0.0, 1.0)}, "styles must be a range above 0"),
-        ({"hold_seconds": (3.0, np.inf)}, "hold_seconds must be a range above 0"),
+        ({"speeds": {"run": (-1.0, 2.0)}}, "speeds of run must be a finite range from 0 to 10"),
+        ({"styles": (0.0, 1.0)}, "styles must be a finite range above 0 to 10"),
+        ({"hold_seconds": (3.0, np.inf)}, "hold_seconds must be a finite range above 0,"),
         ({"near": -1.0}, "near must be at least 0"),
+        ({"near": None}, "near must be a number"),
+        ({"near": np.inf}, "near must be at least 0 and finite"),
+        ({"step_share": "few"}, "step_share must be a number"),
+        ({"speeds": (1.0, 1e300)}, "speeds must be a finite range from 0 to 10"),
+        ({"speeds": (1.0, 10.5)}, "speeds must be a finite range from 0 to 10"),
+        ({"speeds": {"run": (1.0, 1e300)}}, "speeds of run must be a finite range from 0 to 10"),
+        ({"speeds": 3.0}, "speeds must be a finite range"),
+        ({"speeds": "ab"}, "speeds must be a number or an array of numbers, not 'ab'"),
+        ({"speeds": (1.0, 2.0, 3.0)}, "speeds must be a finite range"),
+        ({"styles": (1.0, 11.0)}, "styles must be a finite range above 0 to 10"),
+        ({"styles": (1e-60, 1.0)}, "styles must be a finite range above 0 to 10"),
+        ({"gaits": np.array(["run"])}, "gaits must be a tuple or list"),
+        ({"gaits": {"run", "walk"}}, "gaits must be a tuple or list"),
+        ({"gaits": {"run": 1.0}}, "gaits must be a tuple or list"),
+        ({"gaits": ("",)}, "gaits must be a tuple or list"),
+        ({"gaits": (1, 2)}, "gaits must be a tuple or list"),
+        ({"gaits": ([],)}, "gaits must be a tuple or list"),
+        ({"gaits": ("speed",)}, "none of them speed or style"),
+        ({"gaits": ("run", "style")}, "none of them speed or style"),
         ({"step_share": 1.1}, "step_share must be between 0 and 1"),
         ({"standing_share": np.nan}, "standing_share must be between 0 and 1"),
     ],
@@ -147,19 +166,31 @@ def test_ranges_that_are_none(bad: dict[str, Any], match: str) -> None:
 @pytest.mark.parametrize(
     ("bad", "match"),
     [
-        ({"gaits": ()}, "gaits must be one or more"),
+        ({"gaits": ()}, "gaits must be a tuple or list of one or more"),
         ({"times": []}, "times must rise from 0"),
         ({"times": [0.5, 1.0]}, "times must rise from 0"),
         ({"times": [0.0, 0.0]}, "times must rise from 0"),
         ({"times": [0.0, np.inf]}, "times must rise from 0"),
-        ({"speeds": [1.0, 2.0, 3.0]}, "do not fit 2 times"),
-        ({"times": [0.0]}, "do not fit 1 times"),
-        ({"speeds": np.ones((2, 2)), "styles": np.ones((2, 3))}, "do not fit 2 times"),
-        ({"speeds": np.ones((2, 2, 2))}, "do not fit 2 times"),
+        ({"speeds": [1.0, 2.0, 3.0]}, r"speeds must be for 2 times and 1 or more humanoids, not \(3,\)"),
+        ({"times": [0.0]}, "speeds must be for 1 times"),
+        ({"speeds": np.ones((2, 2)), "styles": np.ones((2, 3))}, "speeds, weights and styles must be for one number"),
+        ({"speeds": np.ones((2, 2, 2))}, "speeds must be for 2 times"),
+        ({"times": "now"}, "times must be a number or an array of numbers, not 'now'"),
+        (
+            {"times": np.arange(1.0, 9_000.0)},
+            r"times must rise from 0, not be \[1.0, 2.0, 3.0, 4.0, 5.0, 6.0, \.\.\.\]$",
+        ),
+        ({"speeds": "fast"}, "speeds must be a number or an array of numbers, not 'fast'"),
+        ({"speeds": [1.0, 1e300]}, "speed must be between 0 and 10 m/s, not 1e\\+300"),
+        ({"speeds": np.ones((2, 0))}, "speeds must be for 2 times and 1 or more humanoids"),
+        ({"styles": [[1.0], [1.0, 2.0]]}, "styles must be a number or an array of numbers"),
+        ({"styles": 11.0}, "style must be above 0 and at most 10"),
+        ({"weights": {"run": 1.0}}, "weights must be a number or an array of numbers, not {'run': 1.0}"),
+        ({"weights": 1.0}, "weights must have 1 columns"),
         ({"weights": [[1.0, 0.0]]}, "weights must have 1 columns"),
         ({"weights": [0.5]}, "weights of the gaits must be at least 0 and sum to 1"),
-        ({"speeds": [1.0, -2.0]}, "speed must be at least 0, not -2"),
-        ({"styles": [1.0, np.nan]}, "style must be positive, not nan"),
+        ({"speeds": [1.0, -2.0]}, "speed must be between 0 and 10 m/s, not -2"),
+        ({"styles": [1.0, np.nan]}, "style must be above 0 and at most 10, not nan"),
     ],
 )
 def test_tables_that_are_none(bad: dict[str, Any], match: str) -> None:

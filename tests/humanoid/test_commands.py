@@ -205,13 +205,20 @@ def test_options_of_a_reset() -> None:
     ("bad", "match"),
     [
         ({"sped": 1.0}, "option 'sped' is none of"),
-        ({"speed": -1.0}, "speed must be at least 0, not -1"),
-        ({"speed": float("nan")}, "speed must be at least 0, not nan"),
+        ({"speed": -1.0}, "speed must be between 0 and 10 m/s, not -1"),
+        ({"speed": float("nan")}, "speed must be between 0 and 10 m/s, not nan"),
         ({"speed": "fast"}, "speed must be a number"),
         ({"speed": [1.0, 2.0]}, "speed must be a number"),
-        ({"style": 0.0}, "style must be positive"),
+        ({"speed": 1e300}, "speed must be between 0 and 10 m/s, not 1e\\+300"),
+        ({"speed": np.nextafter(np.float32(10), np.float32(11))}, "speed must be between 0 and 10 m/s"),
+        ({"speed": "3"}, "speed must be a number or an array of numbers, not '3'"),
+        ({"style": 0.0}, "style must be above 0 and at most 10"),
+        ({"style": 1e-60}, "style must be above 0 and at most 10, not 1e-60"),
+        ({"style": 11.0}, "style must be above 0 and at most 10"),
+        ({"style": list(range(10_000))}, r"style must be a number or 1 of them, not \[0, 1, 2, 3, 4, 5, \.\.\.\]$"),
         ({"gait": "walk"}, "gait must have a weight for each name"),
         ({"gait": {"hop": 1.0}}, "gait 'hop' is none of"),
+        ({"gait": {"walk": "much"}}, "gait walk must be a number"),
         ({"gait": {"walk": 0.5}}, "sum to 1"),
         ({"gait": {"walk": 1.5, "run": -0.5}}, "at least 0"),
     ],
@@ -240,6 +247,7 @@ def test_an_environment_without_commands_takes_none() -> None:
 
 def test_sensitivity_by_hand() -> None:
     assert task.relative_sensitivity(np.array([0.0, 0.25, 0.5, 1.0, 4.0])).tolist() == [8.0, 8.0, 8.0, 4.0, 1.0]
+    assert (task.sensitivity(None, 2.0), task.sensitivity(2.5, 2.0)) == (2.0, 2.5)
     found = task.SpeedTask.of(PlanarHumanoidEnv().model, speed=2.0, alpha=None).reward(
         np.array([1.5]), np.zeros((1, 10))
     )

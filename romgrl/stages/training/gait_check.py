@@ -21,6 +21,7 @@ from romgrl.gait.alignment import error_over_variance
 from romgrl.gait.features import Gait, gait_from_reference
 from romgrl.gait.metrics import describe
 from romgrl.gait.recording import record
+from romgrl.humanoid.task import speed_reward
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 from romgrl.runtime.stage_log import StageLog
 from romgrl.stages.training.adapted_eta import (
@@ -169,7 +170,7 @@ class GaitChecks:
         assert gait.velocity is not None
         speed = self.config.speed
         row = describe(gait, target_speed=speed)
-        reward = np.exp(-speed_sensitivity(self.config) * np.abs(gait.velocity - speed))
+        reward = speed_reward(gait.velocity, speed=speed, alpha=speed_sensitivity(self.config))
         kept = ("falls", "steady_speed_m_per_s", "stride_frequency_hz", "pelvis_excursion_m", "trunk_lean_deg")
         measured = {"task_reward": float((reward * gait.valid).mean()), **{name: row[name] for name in kept}}
         measured["speed_error_percent"] = percent(row["steady_speed_m_per_s"], speed) - 100

@@ -6,7 +6,7 @@ from typing import Any
 
 from romgrl.config.schema import Config
 from romgrl.humanoid import model
-from romgrl.humanoid.task import relative_sensitivity
+from romgrl.humanoid.task import sensitivity
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 
 
@@ -44,4 +44,4 @@ def humanoid_env(
 
 def speed_sensitivity(config: Config) -> float:
     """Alpha of the velocity reward, s/m; where it is not given, what 1 is at 4 m/s, by the inverse of the speed."""
-    return float(relative_sensitivity(config.speed)) if config.student.alpha is None else config.student.alpha
+    return float(sensitivity(config.student.alpha, config.speed))
