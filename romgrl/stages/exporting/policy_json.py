@@ -50,7 +50,6 @@ def policy_description(config: Config, env: PlanarHumanoidVectorEnv, student: Ma
         },
         "target_speed": {"value": config.speed, "unit": "m/s"},
         "observation": [{"name": name, "unit": COLUMN_UNITS[name.split(".")[1]]} for name in env.observation_names],
-        "commands": [],  # name, unit, low, high and value of each column that follows those of the body
         "actions": actions,
         "body": {
             "names": [*skeleton.bodies],
