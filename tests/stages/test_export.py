@@ -34,6 +34,7 @@ from tests.conftest import Composer
 from tests.helpers.exported import SHIPPED, exported_student
 from tests.helpers.walkers import write_walker
 
+REFUSED = "model.xml: MuJoCo .* reads another model than it wrote"
 FILES = {"model.xml", "policy.json", "policy.onnx", "run_policy.py"}
 
 
@@ -88,7 +89,27 @@ def test_the_model_is_the_same_to_the_last_bit(config: Config, exported: Path) -
 
 def test_a_model_that_would_be_another_one_is_refused(config: Config, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(xml_of_model, "DOUBLE_DIGITS", 6)
-    with pytest.raises(ArtifactError, match=r"model.xml: MuJoCo .* reads another model than it wrote"):
+    with pytest.raises(ArtifactError, match=REFUSED):
+        xml_of_model.model_xml(config.humanoid, configured(config.humanoid))
+
+
+def test_one_bit_is_another_model(config: Config) -> None:
+    """The last bit of a number, of a kind that no digest tells apart."""
+    model = configured(config.humanoid)
+    model.body_mass[3] = np.nextafter(model.body_mass[3], 0.0)
+    with pytest.raises(ArtifactError, match=rf"{REFUSED}: body_mass differs$"):
+        xml_of_model.model_xml(config.humanoid, model)
+
+
+@pytest.mark.parametrize("missing", ["function", "library"])
+def test_a_mujoco_that_cannot_write_all_digits_is_told(
+    config: Config, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, missing: str
+) -> None:
+    if missing == "function":
+        monkeypatch.setattr(xml_of_model.ctypes, "CDLL", lambda path: object())
+    else:
+        monkeypatch.setattr(xml_of_model.mujoco, "__file__", str(tmp_path / "__init__.py"))
+    with pytest.raises(ArtifactError, match=REFUSED):
         xml_of_model.model_xml(config.humanoid, configured(config.humanoid))
 
 
