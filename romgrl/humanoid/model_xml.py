@@ -32,27 +32,27 @@ def model_xml(humanoid: Humanoid, model: mujoco.MjModel) -> str:
     spec.compile()
     with all_digits():
         text = str(spec.to_xml())
-    differing = differences(mujoco.MjModel.from_xml_string(text), model)
+    differing = unequal_fields(mujoco.MjModel.from_xml_string(text), model)
     if differing:
         name = f"{differing[0]} differs" + (f", and {len(differing) - 1} more" if differing[1:] else "")
         raise ArtifactError(f"model.xml: MuJoCo {mujoco.__version__} reads another model than it wrote: {name}")
     return text
 
 
-def differences(one: mujoco.MjModel, other: mujoco.MjModel) -> list[str]:
+def unequal_fields(one: mujoco.MjModel, other: mujoco.MjModel) -> list[str]:
     """Names of all numbers, arrays and names that are not equal in two models; options and looks count."""
     parts = [("", one, other), ("opt.", one.opt, other.opt), ("stat.", one.stat, other.stat)]
-    parts += [(f"vis.{name}.", getattr(one.vis, name), getattr(other.vis, name)) for name in public(one.vis)]
+    parts += [(f"vis.{name}.", getattr(one.vis, name), getattr(other.vis, name)) for name in compared_fields(one.vis)]
     return [
         prefix + name
         for prefix, part, expected in parts
-        for name in public(part)
+        for name in compared_fields(part)
         if isinstance(value := getattr(part, name), np.ndarray | int | float | bytes)
         and not np.array_equal(value, getattr(expected, name))
     ]
 
 
-def public(struct: Any) -> list[str]:
+def compared_fields(struct: Any) -> list[str]:
     """Names of the fields that are compared."""
     return [name for name in dir(struct) if not name.startswith("_") and name not in UNCOMPARED]
 

@@ -153,7 +153,7 @@ def in_viewer(walker: Walker, positions: Iterator[float]) -> Iterator[float]:
             time.sleep(max(0.0, due - time.monotonic()))
 
 
-def is_number(value: Any) -> bool:
+def is_finite_number(value: Any) -> bool:
     """Finite, and of a size that physics has."""
     return type(value) in (int, float) and -1e9 < value < 1e9
 
@@ -163,17 +163,17 @@ def is_list(value: Any, of: Callable[[Any], bool]) -> bool:
     return isinstance(value, list) and bool(value) and all(of(each) for each in value)
 
 
-KINDS: dict[str, Callable[[Any], bool]] = {
-    "a number": is_number,
-    "a number above 0": lambda value: is_number(value) and value > 0,
+KINDS_OF_VALUES: dict[str, Callable[[Any], bool]] = {
+    "a number": is_finite_number,
+    "a number above 0": lambda value: is_finite_number(value) and value > 0,
     "a whole number above 0": lambda value: type(value) is int and 0 < value < 10**6,
     "0, 1 or 2": lambda value: type(value) is int and 0 <= value <= 2,
     "a name": lambda value: isinstance(value, str),
     "names": lambda value: is_list(value, lambda name: isinstance(name, str)),
-    "numbers": lambda value: is_list(value, is_number),
+    "numbers": lambda value: is_list(value, is_finite_number),
     "sections": lambda value: is_list(value, lambda entry: isinstance(entry, dict)),
 }
-READ = {
+VALUES_READ = {
     "a number": "target_speed.value fall.root_height fall.head_height fall.trunk_lean",
     "a number above 0": "control.rate",
     "a whole number above 0": "control.substeps",
@@ -194,11 +194,11 @@ def read_description(path: Path) -> Description:
         raise BadFileError(path, error) from error
     if not isinstance(content, dict) or content.get("format") != FORMAT_READ:
         raise BadFileError(path, f"not the description of an export of format {FORMAT_READ}")
-    for name, kind in ((name, kind) for kind, names in READ.items() for name in names.split()):
+    for name, kind in ((name, kind) for kind, names in VALUES_READ.items() for name in names.split()):
         value: Any = content
         for part in name.split("."):
             value = value.get(part) if isinstance(value, dict) else None
-        if not KINDS[kind](value):
+        if not KINDS_OF_VALUES[kind](value):
             raise BadFileError(path, f"{name} is {json.dumps(value)[:40]}, not {kind}")
     return content
 
@@ -254,7 +254,7 @@ def load(directory: Path) -> tuple[Walker, OnnxPolicy]:
     return walker, read_policy_of(directory / "policy.onnx", walker)
 
 
-def leave(reason: Exception) -> NoReturn:
+def end_with(reason: Exception) -> NoReturn:
     """End with exit code 1 and a line."""
     told = " ".join(str(reason).split())
     sys.exit(f"{told}; needed: {INSTALL}" if isinstance(reason, ImportError) else told)
@@ -279,7 +279,7 @@ def main() -> None:
             walked.append(position)
         end = "then it fell" if walker.has_fallen() else "no fall"
     except (BadFileError, ImportError, RuntimeError) as error:
-        leave(error)
+        end_with(error)
     except KeyboardInterrupt:
         pass
     if walked:
