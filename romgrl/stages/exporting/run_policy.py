@@ -254,7 +254,7 @@ def load(directory: Path) -> tuple[Walker, OnnxPolicy]:
     return walker, read_policy_of(directory / "policy.onnx", walker)
 
 
-def end_with(reason: Exception) -> NoReturn:
+def end_in_a_line(reason: Exception) -> NoReturn:
     """End with exit code 1 and a line."""
     told = " ".join(str(reason).split())
     sys.exit(f"{told}; needed: {INSTALL}" if isinstance(reason, ImportError) else told)
@@ -279,7 +279,7 @@ def main() -> None:
             walked.append(position)
         end = "then it fell" if walker.has_fallen() else "no fall"
     except (BadFileError, ImportError, RuntimeError) as error:
-        end_with(error)
+        end_in_a_line(error)
     except KeyboardInterrupt:
         pass
     if walked:
