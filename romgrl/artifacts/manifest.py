@@ -18,21 +18,10 @@ MANIFEST = "manifest.json"
 FORMAT = 2
 LARGEST_MANIFEST = 2**20  # bytes; ours have some thousand
 PLAIN_PART = re.compile(r"[A-Za-z0-9_-]([A-Za-z0-9_.-]{0,253}[A-Za-z0-9_-])?")
-SUFFIXES = (
-    "csv",
-    "html",
-    "json",
-    "md",
-    "mp4",
-    "npz",
-    "onnx",
-    "pdf",
-    "png",
-    "py",
-    "safetensors",
-    "txt",
-    "xml",
-)  # data that no stage executes
+SUFFIXES = ("csv", "html", "json", "md", "mp4", "npz", "pdf", "png", "safetensors", "txt")
+"""Data that nothing executes."""
+EXPORT_SUFFIXES = ("onnx", "py", "xml")
+"""What an export has beside them, which is for use elsewhere: no stage reads it, no tracking server gives it."""
 SHA256 = re.compile(r"[0-9a-f]{64}")
 
 
@@ -102,12 +91,14 @@ def payload(directory: Path) -> list[str]:
     return found
 
 
-def check_name(directory: Path, name: str) -> None:
-    """Raise ArtifactError unless a name leads to data in the artifact, on every system: letters, digits and _ . -"""
+def check_name(directory: Path, name: str, stage: str) -> None:
+    """Raise ArtifactError unless a name leads to data in the artifact of a stage, on every system: letters, digits and
+    _ . -"""
     if not all(PLAIN_PART.fullmatch(part) for part in name.split("/")):
         raise ArtifactError(f"{directory / MANIFEST}: {name!r} is not the name of a file of an artifact")
-    if name.rpartition(".")[2] not in SUFFIXES:
-        raise ArtifactError(f"{directory / MANIFEST}: {name} is none of the kinds {', '.join(SUFFIXES)}")
+    allowed = SUFFIXES + (EXPORT_SUFFIXES if stage == "export" else ())
+    if name.rpartition(".")[2] not in allowed:
+        raise ArtifactError(f"{directory / MANIFEST}: {name} is none of the kinds {', '.join(allowed)}")
 
 
 def write_manifest(
@@ -129,7 +120,7 @@ def write_manifest(
     with storage_faults(directory):
         names = payload(directory)
         for name in names:
-            check_name(directory, name)
+            check_name(directory, name, stage)
         files = {name: record_file(directory / name) for name in names}
     manifest = Manifest(
         stage, key, config, dict(inputs), files, dict(versions), revision, dirty, seed, wall_time, run_id, threads
@@ -164,7 +155,7 @@ def read_manifest(directory: Path) -> Manifest:
         raise ArtifactError(f"{path}: does not have its own checksum; it was changed or damaged")
     _check_types(path, manifest)
     for name in manifest.files:
-        check_name(directory, name)
+        check_name(directory, name, manifest.stage)
     return manifest
 
 

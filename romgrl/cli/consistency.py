@@ -16,8 +16,8 @@ from omegaconf import OmegaConf
 
 from romgrl.cli.config_files import CONF
 from romgrl.cli.cycle_resets import CYCLE_CHECKS
-from romgrl.cli.export_package import export_package
 from romgrl.cli.locations import is_file, is_readable, outputs_directory, tracking_store
+from romgrl.cli.onnx_installed import onnx_installed
 from romgrl.cli.other_libraries import OTHER_LIBRARIES_KEYS, other_libraries
 from romgrl.cli.reduced_order_models import ROM_KEYS, reduced_order_model
 from romgrl.cli.teacher_ranges import RANGE_CHECKS
@@ -292,5 +292,5 @@ CHECKS: tuple[tuple[tuple[str, ...], Callable[[Config], Iterator[str]]], ...] = 
     (("tracking.enabled", "tracking.uri", "tracking.experiment", "paths.outputs"), tracking_store),
     (PRETRAINED, pretrained),
     (("device",), device),
-    (("stage",), export_package),
+    (("stage",), onnx_installed),
 )

@@ -79,10 +79,8 @@ def build(
     if xml is None and skeleton is not SMPL:
         raise ConfigurationError(without_file(skeleton.name))
     spec = human_spec(height=height, mass=mass) if xml is None else _load(Path(xml))
-    hold_in_plane(spec, skeleton, actuation=actuation)
-    add_sensors(spec, skeleton)
-    spec.option.timestep = 1.0 / (control_frequency * substeps)
-    model: mujoco.MjModel = _compile(spec)
+    timestep = 1.0 / (control_frequency * substeps)
+    model: mujoco.MjModel = _compile(planar_spec(spec, skeleton, actuation=actuation, timestep=timestep))
     bodies = [name for name in (model.body(index).name for index in range(model.nbody)) if name in skeleton.bodies]
     joints = [model.joint(index).name for index in range(model.njnt)]
     actuators = [model.actuator(index).name for index in range(model.nu)]
@@ -94,6 +92,14 @@ def build(
     if xml is not None:
         _check_body(model)
     return model
+
+
+def planar_spec(spec: mujoco.MjSpec, skeleton: Skeleton, *, actuation: str, timestep: float) -> mujoco.MjSpec:
+    """The same body, held in the plane, with actuators and sensors; timestep in s. Raises ConfigurationError."""
+    hold_in_plane(spec, skeleton, actuation=actuation)
+    add_sensors(spec, skeleton)
+    spec.option.timestep = timestep
+    return spec
 
 
 def configured(humanoid: Humanoid) -> mujoco.MjModel:

@@ -131,6 +131,21 @@ def test_damage_is_named(artifact: Path, name: str) -> None:
         open_artifact(artifact)
 
 
+@pytest.mark.parametrize("name", ["run_policy.py", "policy.onnx", "model.xml"])
+def test_files_for_elsewhere_are_those_of_an_export_alone(tmp_path: Path, name: str) -> None:
+    """Neither written nor read in an artifact of another stage, nor taken where it says that it is an export."""
+    (tmp_path / name).write_text("", encoding="utf-8")
+    with pytest.raises(ArtifactError, match=rf"manifest\.json: {name} is none of the kinds csv, .*, txt$"):
+        describe(tmp_path, stage="student")
+    describe(tmp_path, stage="export")
+    assert [*open_artifact(tmp_path, stage="export").files] == [name]
+    with pytest.raises(ArtifactError, match="made by stage export, expected student"):
+        open_artifact(tmp_path, stage="student")
+    forge(tmp_path, lambda manifest: manifest.update(stage="student"))
+    with pytest.raises(ArtifactError, match=rf"manifest\.json: {name} is none of the kinds csv, .*, txt$"):
+        open_artifact(tmp_path, stage="student")
+
+
 def test_another_stage_is_refused(artifact: Path) -> None:
     with pytest.raises(ArtifactError, match="made by stage teacher, expected student"):
         open_artifact(artifact, stage="student")

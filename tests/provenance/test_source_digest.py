@@ -125,7 +125,7 @@ EDITED = {
     "cli/arguments.py": set(),
     "cli/consistency.py": set(),
     "cli/other_libraries.py": set(),
-    "cli/export_package.py": set(),
+    "cli/onnx_installed.py": set(),
     "runtime/stage_log.py": set(STAGES),
     "runtime/cores.py": set(),
     "artifacts/checkpoint.py": TRAINED | {"teacher", "library"},

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import mujoco
 import numpy as np
+import onnx
 import onnxruntime
 import pytest
 
@@ -22,6 +24,7 @@ from romgrl.humanoid.own_body import human_spec
 from romgrl.humanoid.skeleton import SMPL
 from romgrl.humanoid.task import controls
 from romgrl.pipeline import run as pipeline
+from romgrl.provenance.stage_keys import body_digests, stage_settings
 from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import export
 from romgrl.stages.exporting.policy_json import actuator
@@ -31,6 +34,7 @@ from tests.conftest import Composer
 from tests.helpers.exported import SHIPPED, exported_student
 from tests.helpers.walkers import write_walker
 
+REFUSED = "model.xml: MuJoCo .* reads another model than it wrote"
 FILES = {"model.xml", "policy.json", "policy.onnx", "run_policy.py"}
 
 
@@ -85,7 +89,27 @@ def test_the_model_is_the_same_to_the_last_bit(config: Config, exported: Path) -
 
 def test_a_model_that_would_be_another_one_is_refused(config: Config, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(xml_of_model, "DOUBLE_DIGITS", 6)
-    with pytest.raises(ArtifactError, match=r"model.xml: MuJoCo .* reads another model than it wrote"):
+    with pytest.raises(ArtifactError, match=REFUSED):
+        xml_of_model.model_xml(config.humanoid, configured(config.humanoid))
+
+
+def test_one_bit_is_another_model(config: Config) -> None:
+    """The last bit of a number, of a kind that no digest tells apart."""
+    model = configured(config.humanoid)
+    model.body_mass[3] = np.nextafter(model.body_mass[3], 0.0)
+    with pytest.raises(ArtifactError, match=rf"{REFUSED}: body_mass differs$"):
+        xml_of_model.model_xml(config.humanoid, model)
+
+
+@pytest.mark.parametrize("missing", ["function", "library"])
+def test_a_mujoco_that_cannot_write_all_digits_is_told(
+    config: Config, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, missing: str
+) -> None:
+    if missing == "function":
+        monkeypatch.setattr(xml_of_model.ctypes, "CDLL", lambda path: object())
+    else:
+        monkeypatch.setattr(xml_of_model.mujoco, "__file__", str(tmp_path / "__init__.py"))
+    with pytest.raises(ArtifactError, match=REFUSED):
         xml_of_model.model_xml(config.humanoid, configured(config.humanoid))
 
 
@@ -99,10 +123,11 @@ def test_what_the_policy_sees_and_does_is_described(config: Config, described: d
     assert np.array([action["control"] for action in described["actions"]]) == pytest.approx(model.actuator_ctrlrange)
     assert described["control"] == {"rate": 30.0, "substeps": 16, "timestep": 1 / 480}
     assert described["target_speed"] == {"value": 4.0, "unit": "m/s"}
-    assert described["commands"] == []
     student = open_artifact(SHIPPED)
     assert described["made_by"]["student"]["sha256"] == student.digest
     assert described["made_by"]["student"]["key"] == student.key
+    assert described["made_by"].keys() == {"romgrl", "mujoco", "onnx", "student"}
+    assert (described["made_by"]["mujoco"], described["made_by"]["onnx"]) == (mujoco.__version__, onnx.__version__)
 
 
 @pytest.mark.parametrize("actuation", ["servo", "torque"])
@@ -131,10 +156,13 @@ def test_gains_and_limits_give_the_torques(config: Config, actuation: str) -> No
     assert limited > 0
 
 
-def test_a_job_publishes_it_and_finds_it_again(compose_config: Composer, tmp_path: Path, exported: Path) -> None:
+def test_a_job_publishes_it_and_finds_it_again(
+    compose_config: Composer, tmp_path: Path, exported: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     outputs = f"paths.outputs={tmp_path}/outputs"
     job = compose_config("student=pretrained", "stage=export", "threads=1", "tracking=none", outputs)
     made = pipeline.run(job)["export"]
+    assert f"to let it walk: cp -r {made} walker && python walker/run_policy.py\n" in capsys.readouterr().out
     manifest = open_artifact(made, stage="export")
     assert manifest.files.keys() == FILES
     assert [*manifest.inputs] == ["student"]
@@ -145,22 +173,52 @@ def test_a_job_publishes_it_and_finds_it_again(compose_config: Composer, tmp_pat
     assert (made / "manifest.json").stat().st_mtime_ns == before
 
 
-def test_nothing_is_copied_of_a_file_of_the_user(config: Config, tmp_path: Path) -> None:
-    """Of the body of a file there are neither model nor numbers; the description says which file it is."""
+def own_body(config: Config, path: Path) -> Config:
+    """The same with our own body as the file of a user, in two files."""
     spec = human_spec(height=config.humanoid.height, mass=config.humanoid.mass)
     spec.compile()
-    (tmp_path / "body.xml").write_text(spec.to_xml(), encoding="utf-8")
-    theirs = replace(config, humanoid=replace(config.humanoid, xml=str(tmp_path / "body.xml")))
-    (tmp_path / "student").mkdir()
-    write_walker(tmp_path / "student" / "policy.safetensors", humanoid=identity(configured(theirs.humanoid)))
-    (tmp_path / "student" / "manifest.json").write_bytes((SHIPPED / "manifest.json").read_bytes())
-    (tmp_path / "output").mkdir()
-    export.run(theirs, {"student": tmp_path / "student"}, tmp_path / "output", SilentLog())
-    assert {path.name for path in (tmp_path / "output").iterdir()} == FILES - {"model.xml"}
-    found = json.loads((tmp_path / "output" / "policy.json").read_text(encoding="utf-8"))
+    inner = spec.to_xml().partition(">")[2].rpartition("</mujoco>")[0]
+    path.with_name("inner.xml").write_text(f"<mujoco>{inner}</mujoco>", encoding="utf-8")
+    path.write_text('<mujoco><include file="inner.xml"/></mujoco>', encoding="utf-8")
+    return replace(config, humanoid=replace(config.humanoid, xml=str(path)))
+
+
+def exported_of(theirs: Config, place: Path) -> Path:
+    """The export of a walker of that body."""
+    (place / "student").mkdir(parents=True)
+    write_walker(place / "student" / "policy.safetensors", humanoid=identity(configured(theirs.humanoid)))
+    (place / "student" / "manifest.json").write_bytes((SHIPPED / "manifest.json").read_bytes())
+    (place / "output").mkdir()
+    export.run(theirs, {"student": place / "student"}, place / "output", SilentLog())
+    return place / "output"
+
+
+def test_a_model_is_known_by_what_the_key_has_of_it(config: Config, tmp_path: Path) -> None:
+    """So a policy.json that is found again is not of another model; what it includes counts, a comment does not."""
+    theirs, described = own_body(config, tmp_path / "body.xml"), []
+    outer, inner = (tmp_path / name for name in ("body.xml", "inner.xml"))
+    text = inner.read_text(encoding="utf-8")
+    heavier = re.sub(r'mass="([0-9.]+)"', lambda found: f'mass="{1.01 * float(found[1])}"', text)
+    assert heavier != text
+    for number, (path, content) in enumerate(
+        ((inner, text), (outer, f"<!-- -->{outer.read_text(encoding='utf-8')}"), (inner, heavier))
+    ):
+        path.write_text(content, encoding="utf-8")
+        body_digests.cache_clear()
+        key = stage_settings("export", theirs)["humanoid.xml"]
+        output = exported_of(theirs, tmp_path / str(number))
+        described.append((output / "policy.json").read_bytes())
+        assert f"sha256:{json.loads(described[-1])['model']['needed']['compiled_sha256']}" == key
+    assert described[0] == described[1] != described[2]
+    body_digests.cache_clear()
+
+
+def test_nothing_is_copied_of_a_file_of_the_user(config: Config, tmp_path: Path) -> None:
+    """Of the body of a file there are neither model nor numbers, and no script, which could not run."""
+    output = exported_of(own_body(config, tmp_path / "body.xml"), tmp_path)
+    assert {path.name for path in output.iterdir()} == {"policy.json", "policy.onnx"}
+    found = json.loads((output / "policy.json").read_text(encoding="utf-8"))
     assert found["actions"] == [{"joint": joint} for joint in SMPL.hinges]
     assert not {"start", "fall"} & found.keys()
-    assert found["model"]["needed"]["name"] == "body.xml"
-    assert len(found["model"]["needed"]["sha256"]) == 64
-    session = onnxruntime.InferenceSession(tmp_path / "output" / "policy.onnx", providers=["CPUExecutionProvider"])
+    session = onnxruntime.InferenceSession(output / "policy.onnx", providers=["CPUExecutionProvider"])
     assert [output.name for output in session.get_outputs()] == ["action"]

@@ -7,11 +7,14 @@ import json
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from functools import reduce
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
+import onnx
 import pytest
 
 from romgrl.config.schema import Config
@@ -114,20 +117,32 @@ def test_it_begins_where_romgrl_does_and_falls_where_romgrl_does(
     assert min(agreed.values()) > 30
 
 
-def test_commands_are_columns_behind_those_of_the_body(script: ModuleType, exported: Path) -> None:
-    walker, _ = script.load(exported)
-    description = walker.description | {"commands": [{"name": "speed", "unit": "m/s", "value": 2.5}]}
-    conditioned = script.Walker(walker.model, description)
-    np.testing.assert_array_equal(conditioned.observe(), [*walker.observe(), 2.5])
-
-
 def run_script(directory: Path, *arguments: str, without: str = "") -> subprocess.CompletedProcess[str]:
-    """Run it where romgrl, torch and what they need cannot be imported."""
+    """Run it in its directory, where romgrl, torch and what they need cannot be imported."""
     blocked = ["romgrl", "torch", "gymnasium", "onnx", "hydra", "scipy", *filter(None, [without])]
-    run = f"runpy.run_path({str(directory / 'run_policy.py')!r}, run_name='__main__')"
+    run = "runpy.run_path('run_policy.py', run_name='__main__')"
     code = f"import sys, runpy; sys.modules.update(dict.fromkeys({blocked})); sys.argv[0] = 'run_policy.py'; {run}"
     command = [sys.executable, "-c", code, *arguments]
-    return subprocess.run(command, capture_output=True, text=True, check=False, encoding="utf-8")
+    return subprocess.run(command, cwd=directory, capture_output=True, text=True, check=False, encoding="utf-8")
+
+
+def refused(done: subprocess.CompletedProcess[str]) -> str:
+    """The one line that it ended with."""
+    assert (done.returncode, done.stdout) == (1, "")
+    (line,) = done.stderr.splitlines()
+    return line
+
+
+@pytest.fixture
+def copied(exported: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(exported, tmp_path / "copy"))
+
+
+def changed(path: Path, change: Callable[[dict[str, Any]], Any]) -> None:
+    """Change a JSON file."""
+    content = json.loads(path.read_text(encoding="utf-8"))
+    change(content)
+    path.write_text(json.dumps(content), encoding="utf-8")
 
 
 def test_it_needs_no_romgrl(exported: Path) -> None:
@@ -138,22 +153,131 @@ def test_it_needs_no_romgrl(exported: Path) -> None:
     assert speed == pytest.approx(4.0, abs=0.2)
 
 
-def test_a_walker_that_falls_is_told(exported: Path, tmp_path: Path) -> None:
-    shutil.copytree(exported, tmp_path / "copy")
-    described = json.loads((tmp_path / "copy" / "policy.json").read_text(encoding="utf-8"))
-    described["start"]["qpos"][2] = 0.7  # leans forward, rad
-    (tmp_path / "copy" / "policy.json").write_text(json.dumps(described), encoding="utf-8")
-    assert ", then it fell; " in run_script(tmp_path / "copy").stdout
+def test_a_walker_that_falls_is_told(copied: Path) -> None:
+    changed(copied / "policy.json", lambda content: content["start"]["qpos"].__setitem__(2, 0.7))  # leans forward, rad
+    done = run_script(copied)
+    assert done.returncode == 0
+    assert ", then it fell; " in done.stdout
 
 
-def test_what_is_missing_is_told_on_one_line(exported: Path, tmp_path: Path) -> None:
-    shutil.copytree(exported, tmp_path / "copy")
-    (tmp_path / "copy" / "model.xml").unlink()
-    for done, told in (
-        (run_script(tmp_path / "copy"), "model.xml: no such file"),
-        (run_script(exported, without="onnxruntime"), "onnxruntime"),
-        (run_script(exported, "--seconds", "0"), "--seconds: 0.0 is not allowed; allowed: 0.1 to 1e6"),
-    ):
-        assert done.returncode != 0
-        assert told in done.stderr.splitlines()[-1]
-        assert "Traceback" not in done.stderr
+def test_a_simulation_that_diverges_is_a_fall_and_leaves_no_file(copied: Path) -> None:
+    changed(copied / "policy.json", lambda content: content["start"]["qvel"].__setitem__(5, 9e8))  # rad/s
+    before = {*copied.iterdir()}
+    done = run_script(copied)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert ", then it fell; " in done.stdout
+    assert {*copied.iterdir()} == before
+
+
+GARBLED: dict[str, tuple[str, bytes, str]] = {
+    "cut JSON": ("policy.json", b"{", "Expecting property name"),
+    "empty object": ("policy.json", b"{}", "not the description of an export of format 1"),
+    "list": ("policy.json", b"[]", "not the description of an export of format 1"),
+    "other format": ("policy.json", b'{"format": 2}', "not the description of an export of format 1"),
+    "no UTF-8": ("policy.json", b"\xff\xfe", "codec can't decode"),
+    "deep": ("policy.json", b"[" * 10**5, "recursion"),
+    "empty graph": ("policy.onnx", b"", ""),
+    "no graph": ("policy.onnx", b"garbled", ""),
+    "cut MJCF": ("model.xml", b"<mujoco>", "XML"),
+    "no UTF-8 in MJCF": ("model.xml", b"\xff\xfe", ""),
+    "other model": ("model.xml", b"<mujoco/>", "0 qpos, not 24 as policy.json says"),
+}
+
+
+@pytest.mark.parametrize("case", GARBLED)
+def test_a_garbled_file_is_named(copied: Path, case: str) -> None:
+    name, content, told = GARBLED[case]
+    (copied / name).write_bytes(content)
+    line = refused(run_script(copied))
+    assert line.startswith(f"{copied / name}: ")
+    assert told in line
+    assert line.endswith("; needed: the files of one export, side by side")
+
+
+WRONG: dict[str, tuple[str, Any, str]] = {
+    "NaN": ("control.rate", float("nan"), "control.rate is NaN, not a number above 0"),
+    "text": ("control.substeps", "16", 'control.substeps is "16", not a whole number above 0'),
+    "truth": ("control.substeps", True, "control.substeps is true, not a whole number above 0"),
+    "rate": ("control.rate", 60.0, "a timestep of 0.00208333 s, not that of policy.json's control"),
+    "number": ("body", 3, "body.forward_axis is null, not 0, 1 or 2"),
+    "axis": ("body.forward_axis", 3, "body.forward_axis is 3, not 0, 1 or 2"),
+    "body": ("body.head", "Nobody", "Invalid name 'Nobody'"),
+    "positions": ("start.qpos", [0.0, 0.0], "24 qpos, not 2 as policy.json says"),
+    "velocities": ("start.qvel", [], "start.qvel is [], not numbers"),
+    "limit": ("fall.trunk_lean", None, "fall.trunk_lean is null, not a number"),
+    "actions": ("actions", [{}], "21 actuators, not 1 as policy.json says"),
+    "columns": ("observation", [{}], "columns; policy.json has 1, the body "),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_a_description_that_does_not_fit_is_named(script: ModuleType, copied: Path, case: str) -> None:
+    path, value, told = WRONG[case]
+    *sections, name = path.split(".")
+
+    def change(content: dict[str, Any]) -> None:
+        reduce(dict.__getitem__, sections, content)[name] = value
+
+    changed(copied / "policy.json", change)
+    with pytest.raises(script.BadFileError) as caught:
+        script.load(copied)
+    assert told in str(caught.value)
+
+
+def test_a_graph_of_another_body_is_refused(script: ModuleType, copied: Path) -> None:
+    graph = onnx.load(copied / "policy.onnx")
+    graph.graph.input[0].type.tensor_type.shape.dim[1].dim_value = 400
+    onnx.save(graph, copied / "policy.onnx")
+    with pytest.raises(script.BadFileError, match=r"policy.onnx: takes 400 columns; policy.json has \d+, the body \d+"):
+        script.load(copied)
+
+
+def test_a_graph_without_controls_is_refused(script: ModuleType, copied: Path) -> None:
+    graph = onnx.load(copied / "policy.onnx")
+    del graph.graph.output[1]
+    onnx.save(graph, copied / "policy.onnx")
+    with pytest.raises(script.BadFileError, match=r"policy.onnx: .*control"):
+        script.load(copied)
+
+
+@pytest.mark.parametrize("name", ["policy.json", "policy.onnx", "model.xml"])
+def test_a_missing_file_is_named(copied: Path, name: str) -> None:
+    (copied / name).unlink()
+    told = f"{copied / name}: no such file; needed: the files of one export, side by side"
+    assert refused(run_script(copied)) == told
+
+
+@pytest.mark.parametrize("package", ["numpy", "mujoco", "onnxruntime"])
+def test_a_missing_package_is_named(exported: Path, package: str) -> None:
+    line = refused(run_script(exported, without=package))
+    assert package in line.split(";")[0]
+    assert line.endswith("; needed: pip install numpy mujoco onnxruntime")
+
+
+def test_a_bad_length_is_refused(exported: Path) -> None:
+    done = run_script(exported, "--seconds", "0")
+    assert done.returncode == 2
+    assert "--seconds: 0.0 is not allowed; allowed: 0.1 to 1e6" in done.stderr.splitlines()[-1]
+
+
+def test_ctrl_c_tells_what_was_walked(
+    script: ModuleType, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted(*_: Any) -> Iterator[float]:
+        yield from np.arange(60) * 0.1
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(script, "walk", interrupted)
+    monkeypatch.setattr(script.mujoco, "set_mju_user_warning", lambda handler: None)
+    monkeypatch.setattr(sys, "argv", ["run_policy.py"])
+    with pytest.raises(SystemExit) as ended:
+        script.main()
+    assert ended.value.code == 130
+    assert capsys.readouterr().out == "2.0 s, interrupted; 3.00 m/s over the second half (asked for: 4.00 m/s)\n"
+
+
+def test_no_display_is_told(exported: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    if sys.platform.startswith("linux"):
+        assert refused(run_script(exported, "--viewer")) == "--viewer: no display that opens"

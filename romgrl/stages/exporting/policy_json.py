@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
-from pathlib import Path
 from typing import Any
 
 import mujoco
 import numpy as np
+import onnx
 
 import romgrl
 from romgrl.artifacts import Manifest
 from romgrl.config.schema import Config
+from romgrl.humanoid.digest import physics_digest
 from romgrl.humanoid.skeleton import skeleton_of
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 from romgrl.stages.wiring.seeds import WATCH_SEED
@@ -34,13 +33,13 @@ Section = dict[str, Any]
 def policy_description(config: Config, env: PlanarHumanoidVectorEnv, student: Manifest) -> Section:
     """The content of policy.json for an environment whose observation has all columns.
 
-    Whatever else the file of a `humanoid.xml` describes stays in that file: it may not be ours to pass on.
+    Whatever else the file of a `humanoid.xml` describes stays in that file: it may not be ours to pass on. Neither name
+    nor bytes of that file decide the key of an export, so they are not in here, either.
     """
     skeleton, own = skeleton_of(env.model), config.humanoid.xml is None
     actions = [{"joint": joint} for joint in env.action_names]
     if own:
         actions = [entry | actuator(env.model, index) for index, entry in enumerate(actions)]
-    settings = json.dumps(student.config, sort_keys=True)
     return {
         "format": FORMAT_OF_EXPORT,
         "control": {
@@ -50,7 +49,6 @@ def policy_description(config: Config, env: PlanarHumanoidVectorEnv, student: Ma
         },
         "target_speed": {"value": config.speed, "unit": "m/s"},
         "observation": [{"name": name, "unit": COLUMN_UNITS[name.split(".")[1]]} for name in env.observation_names],
-        "commands": [],  # name, unit, low, high and value of each column that follows those of the body
         "actions": actions,
         "body": {
             "names": [*skeleton.bodies],
@@ -59,21 +57,20 @@ def policy_description(config: Config, env: PlanarHumanoidVectorEnv, student: Ma
             "head": skeleton.head,
             "forward_axis": skeleton.axes[0],
         },
-        "model": {"file": "model.xml"} if own else needed_model(Path(str(config.humanoid.xml)).expanduser()),
+        "model": {"file": "model.xml"} if own else needed_model(env.model),
         **(states(config, env) if own else {}),
         "made_by": {
             "romgrl": romgrl.__version__,
             "student": {"key": student.key, "sha256": student.digest, "romgrl": student.versions.get("romgrl")},
-            "configuration_sha256": hashlib.sha256(settings.encode()).hexdigest(),
-            "revision": student.revision,
+            "mujoco": mujoco.__version__,
+            "onnx": onnx.__version__,
         },
     }
 
 
-def needed_model(path: Path) -> Section:
-    """Which file describes the body, of which nothing is copied; romgrl holds it in the plane."""
-    sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
-    return {"file": None, "needed": {"name": path.name, "sha256": sha256, "held_in_plane_by": "romgrl"}}
+def needed_model(model: mujoco.MjModel) -> Section:
+    """Which model the policy is of, of which nothing is copied: by the digest that a stage's key has of it."""
+    return {"file": None, "needed": {"compiled_sha256": physics_digest(model), "held_in_plane_by": "romgrl"}}
 
 
 def states(config: Config, env: PlanarHumanoidVectorEnv) -> Section:

@@ -11,16 +11,35 @@ import argparse
 import json
 import sys
 import time
-from collections.abc import Iterator
+import warnings
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
-import mujoco
-import numpy as np
-from numpy.typing import NDArray
+INSTALL = "pip install numpy mujoco onnxruntime"
+try:
+    import mujoco
+    import numpy as np
+    from numpy.typing import NDArray
+except ImportError as missing:
+    if __name__ != "__main__":
+        raise
+    sys.exit(f"{' '.join(str(missing).split())}; needed: {INSTALL}")
 
 Vector = NDArray[np.float64]
 Description = dict[str, Any]  # what policy.json says
+
+FORMAT_READ = 1
+EXIT_CODES = """exit code: 0 after a walk, whether it fell or not; 1 where a file or a package is missing or broken;
+2 for a bad option; 130 after Ctrl-C"""
+
+
+class BadFileError(Exception):
+    """A file of an export that is missing, broken, or of another export."""
+
+    def __init__(self, path: Path, wrong: object) -> None:
+        told = " ".join(str(wrong).split())
+        super().__init__(f"{path}: {told}; needed: the files of one export, side by side")
 
 
 class OnnxPolicy:
@@ -31,6 +50,7 @@ class OnnxPolicy:
 
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = 1  # of so small a network more are slower
+        options.log_severity_level = 4  # what is wrong is raised, too
         self.session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
 
     def __call__(self, observation: NDArray[np.float32]) -> Vector:
@@ -46,7 +66,6 @@ class Walker:
         body = description["body"]
         self.bodies = np.array([model.body(name).id for name in body["names"]])
         self.root, self.neck, self.head = (model.body(body[name]).id for name in ("root", "neck", "head"))
-        self.commands = np.array([command["value"] for command in description["commands"]], np.float64)
         self.place(*(np.array(description["start"][name]) for name in ("qpos", "qvel")))
 
     def place(self, qpos: Vector, qvel: Vector) -> None:
@@ -68,7 +87,7 @@ class Walker:
         mujoco.mj_comVel(self.model, self.data)
 
     def observe(self) -> NDArray[np.float32]:
-        """What the policy sees (O,): the columns of `observation` in policy.json, then its commands.
+        """What the policy sees (O,): the columns of `observation` in policy.json.
 
         Height of the root; then of all bodies position relative to it, images of the local x and z axes, velocity and
         angular velocity, seen from a frame that is turned about the vertical to where the root faces.
@@ -82,8 +101,7 @@ class Walker:
         facing = rotation[0, :2, body["forward_axis"]]
         cosine, sine = facing / np.linalg.norm(facing)
         heading = np.array([[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]])
-        seen = np.concatenate([position[0, 2:], (vectors @ heading.T).ravel(), self.commands])
-        return seen.astype(np.float32)
+        return np.concatenate([position[0, 2:], (vectors @ heading.T).ravel()]).astype(np.float32)
 
     def has_fallen(self) -> bool:
         """Root or head too low, trunk leaning too far, or a simulation that warns."""
@@ -94,7 +112,7 @@ class Walker:
         return bool(low or abs(np.arctan2(forward, up)) > limits["trunk_lean"] or warned)
 
 
-def walk(walker: Walker, policy: OnnxPolicy, steps: int) -> Iterator[float]:
+def walk(walker: Walker, policy: Callable[[NDArray[np.float32]], Vector], steps: int) -> Iterator[float]:
     """The closed loop: yield the forward position in m after each of `steps` control steps, up to a fall."""
     for _ in range(steps):
         walker.step(policy(walker.observe()))
@@ -103,18 +121,25 @@ def walk(walker: Walker, policy: OnnxPolicy, steps: int) -> Iterator[float]:
             return
 
 
-def report(positions: list[float], rate: float, speed: float, *, fell: bool) -> str:
+def report(positions: list[float], rate: float, speed: float, *, end: str) -> str:
     """How long it walked, and how fast over the second half of that; positions in m, rate in Hz, speed in m/s."""
     seconds, half = len(positions) / rate, len(positions) // 2
     held = (positions[-1] - positions[half]) * rate / max(1, len(positions) - 1 - half)
-    end = "then it fell" if fell else "no fall"
     return f"{seconds:.1f} s, {end}; {held:.2f} m/s over the second half (asked for: {speed:.2f} m/s)"
 
 
 def in_viewer(walker: Walker, positions: Iterator[float]) -> Iterator[float]:
-    """The same positions, at the pace of the clock beside MuJoCo's viewer; its window ends them."""
+    """The same positions, at the pace of the clock beside MuJoCo's viewer; its window ends them.
+
+    Raises RuntimeError where no window can be opened.
+    """
+    import glfw
     import mujoco.viewer
 
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        if not glfw.init():  # without a display MuJoCo would end the process
+            raise RuntimeError("--viewer: no display that opens")
     with mujoco.viewer.launch_passive(walker.model, walker.data) as window:
         window.cam.type, window.cam.trackbodyid = mujoco.mjtCamera.mjCAMERA_TRACKING, walker.root
         window.cam.azimuth, window.cam.elevation, window.cam.distance = 90.0, -10.0, 4.0
@@ -128,34 +153,139 @@ def in_viewer(walker: Walker, positions: Iterator[float]) -> Iterator[float]:
             time.sleep(max(0.0, due - time.monotonic()))
 
 
+def is_finite_number(value: Any) -> bool:
+    """Finite, and of a size that physics has."""
+    return type(value) in (int, float) and -1e9 < value < 1e9
+
+
+def is_list(value: Any, of: Callable[[Any], bool]) -> bool:
+    """A list that is not empty, all of one kind."""
+    return isinstance(value, list) and bool(value) and all(of(each) for each in value)
+
+
+KINDS_OF_VALUES: dict[str, Callable[[Any], bool]] = {
+    "a number": is_finite_number,
+    "a number above 0": lambda value: is_finite_number(value) and value > 0,
+    "a whole number above 0": lambda value: type(value) is int and 0 < value < 10**6,
+    "0, 1 or 2": lambda value: type(value) is int and 0 <= value <= 2,
+    "a name": lambda value: isinstance(value, str),
+    "names": lambda value: is_list(value, lambda name: isinstance(name, str)),
+    "numbers": lambda value: is_list(value, is_finite_number),
+    "sections": lambda value: is_list(value, lambda entry: isinstance(entry, dict)),
+}
+VALUES_READ = {
+    "a number": "target_speed.value fall.root_height fall.head_height fall.trunk_lean",
+    "a number above 0": "control.rate",
+    "a whole number above 0": "control.substeps",
+    "0, 1 or 2": "body.forward_axis",
+    "a name": "body.root body.neck body.head",
+    "names": "body.names",
+    "numbers": "start.qpos start.qvel",
+    "sections": "observation actions",
+}
+"""What is read of policy.json, by its kind: the paths to it."""
+
+
+def read_description(path: Path) -> Description:
+    """The content of policy.json. Raises BadFileError for one that is no export's."""
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        raise BadFileError(path, error) from error
+    if not isinstance(content, dict) or content.get("format") != FORMAT_READ:
+        raise BadFileError(path, f"not the description of an export of format {FORMAT_READ}")
+    for name, kind in ((name, kind) for kind, names in VALUES_READ.items() for name in names.split()):
+        value: Any = content
+        for part in name.split("."):
+            value = value.get(part) if isinstance(value, dict) else None
+        if not KINDS_OF_VALUES[kind](value):
+            raise BadFileError(path, f"{name} is {json.dumps(value)[:40]}, not {kind}")
+    return content
+
+
+def read_walker_of(path: Path, description: Description) -> Walker:
+    """The body of model.xml. Raises BadFileError for a model other than the one that is described."""
+    try:
+        model = mujoco.MjModel.from_xml_path(str(path))
+    except (ValueError, mujoco.FatalError) as error:
+        raise BadFileError(path, error) from error
+    sizes = {
+        "qpos": (model.nq, len(description["start"]["qpos"])),
+        "qvel": (model.nv, len(description["start"]["qvel"])),
+        "actuators": (model.nu, len(description["actions"])),
+    }
+    for name, (found, described) in sizes.items():
+        if found != described:
+            raise BadFileError(path, f"{found} {name}, not {described} as policy.json says")
+    control = description["control"]
+    if abs(control["rate"] * control["substeps"] * model.opt.timestep - 1.0) > 1e-6:
+        raise BadFileError(path, f"a timestep of {model.opt.timestep:g} s, not that of policy.json's control")
+    try:
+        return Walker(model, description)
+    except KeyError as error:  # MuJoCo's: a name of no body
+        raise BadFileError(path, error.args[0]) from error
+
+
+def read_policy_of(path: Path, walker: Walker) -> OnnxPolicy:
+    """The graph of policy.onnx. Raises BadFileError for that of another walker, ImportError without onnxruntime."""
+    seen = walker.observe()
+    try:
+        policy = OnnxPolicy(path)
+        (wanted,) = policy.session.get_inputs()
+        if wanted.shape[-1] != len(seen) or len(walker.description["observation"]) != len(seen):
+            told = len(walker.description["observation"])
+            raise ValueError(f"takes {wanted.shape[-1]} columns; policy.json has {told}, the body {len(seen)}")
+        control = policy(seen)
+        if control.shape != (walker.model.nu,):
+            raise ValueError(f"gives {control.size} controls; model.xml has {walker.model.nu} actuators")
+    except ImportError:
+        raise
+    except Exception as error:  # onnxruntime's exceptions have no base of their own
+        raise BadFileError(path, error) from error
+    return policy
+
+
 def load(directory: Path) -> tuple[Walker, OnnxPolicy]:
-    """What the files of an export describe. Raises FileNotFoundError for one that is not there."""
+    """What the files of an export describe. Raises BadFileError, or ImportError without onnxruntime."""
     for name in ("policy.json", "policy.onnx", "model.xml"):
         if not (directory / name).is_file():
-            raise FileNotFoundError(f"{directory / name}: no such file; needed: the files of one export, side by side")
-    description = json.loads((directory / "policy.json").read_text(encoding="utf-8"))
-    model = mujoco.MjModel.from_xml_path(str(directory / "model.xml"))
-    return Walker(model, description), OnnxPolicy(directory / "policy.onnx")
+            raise BadFileError(directory / name, "no such file")
+    walker = read_walker_of(directory / "model.xml", read_description(directory / "policy.json"))
+    return walker, read_policy_of(directory / "policy.onnx", walker)
+
+
+def end_in_a_line(reason: Exception) -> NoReturn:
+    """End with exit code 1 and a line."""
+    told = " ".join(str(reason).split())
+    sys.exit(f"{told}; needed: {INSTALL}" if isinstance(reason, ImportError) else told)
 
 
 def main() -> None:
     """Walk, and print how that went."""
-    parser = argparse.ArgumentParser(description="Run the policy beside this file in MuJoCo.")
+    parser = argparse.ArgumentParser(description="Run the policy beside this file in MuJoCo.", epilog=EXIT_CODES)
     parser.add_argument("--seconds", type=float, default=10.0, help="length of the walk (default: 10)")
-    parser.add_argument("--viewer", action="store_true", help="show it in MuJoCo's viewer")
+    parser.add_argument("--viewer", action="store_true", help="show it in MuJoCo's viewer (on macOS: run by mjpython)")
     options = parser.parse_args()
     if not 0.1 <= options.seconds <= 1e6:
         parser.error(f"--seconds: {options.seconds} is not allowed; allowed: 0.1 to 1e6")
+    mujoco.set_mju_user_warning(lambda text: None)  # or it writes MUJOCO_LOG.TXT; has_fallen sees what it warns of
+    walked: list[float] = []
+    end = "interrupted"
     try:
         walker, policy = load(Path(__file__).resolve().parent)
-    except (FileNotFoundError, ImportError) as error:
-        sys.exit(str(error))
-    rate = walker.description["control"]["rate"]
-    positions = walk(walker, policy, round(options.seconds * rate))
-    walked = [*(in_viewer(walker, positions) if options.viewer else positions)]
+        rate = walker.description["control"]["rate"]
+        positions = walk(walker, policy, max(1, round(options.seconds * rate)))
+        for position in in_viewer(walker, positions) if options.viewer else positions:
+            walked.append(position)
+        end = "then it fell" if walker.has_fallen() else "no fall"
+    except (BadFileError, ImportError, RuntimeError) as error:
+        end_in_a_line(error)
+    except KeyboardInterrupt:
+        pass
     if walked:
-        speed = walker.description["target_speed"]["value"]
-        print(report(walked, rate, speed, fell=walker.has_fallen()))
+        print(report(walked, rate, walker.description["target_speed"]["value"], end=end))
+    if end == "interrupted":
+        sys.exit(130)
 
 
 if __name__ == "__main__":

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 
-from romgrl.cli import export_package
 from romgrl.cli.consistency import misfits
 from tests.conftest import Composer
 
@@ -25,6 +24,25 @@ def test_without_onnx_nothing_begins(tmp_path: Path) -> None:
 
 
 def test_other_stages_do_without(compose_config: Composer, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(export_package, "find_spec", lambda name: None)
+    monkeypatch.setitem(sys.modules, "onnx", None)
     assert [*misfits(compose_config("stage=student"))] == []
     assert [*misfits(compose_config("stage=export"))] == [LINE]
+
+
+@pytest.mark.parametrize(
+    ("fault", "told"),
+    [
+        ("raise TypeError('Descriptors\\ncannot be created')", "TypeError: Descriptors cannot be created"),
+        ("import ml_dtypes_of_nobody", "No module named 'ml_dtypes_of_nobody'"),
+        ("raise ImportError('no libonnx.so')", "ImportError: no libonnx.so"),
+    ],
+)
+def test_a_broken_onnx_is_told_before_any_work(
+    compose_config: Composer, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, fault: str, told: str
+) -> None:
+    (tmp_path / "onnx.py").write_text(fault, encoding="utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "onnx", raising=False)
+    assert [*misfits(compose_config("stage=export"))] == [
+        f"stage=export: onnx cannot be imported: {told}; pip install onnx, the extra romgrl[export]"
+    ]
