@@ -126,7 +126,7 @@ STAGES: dict[str, Stage] = {
         "the student as files that run without romgrl",
         "romgrl.stages.export:run",
         ("student",),
-        ("humanoid", "speed", "seed"),
+        ("humanoid", "student.alpha", "speed", "seed"),
         knobs=WALKING_KNOBS,
         optional=True,
         fetched=False,
