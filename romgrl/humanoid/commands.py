@@ -193,3 +193,36 @@ class CurrentCommands:
             raise ValueError(f"left of the state's commands must be counts of control steps, not {shown(left)}")
         check_commands(values[begun])
         self.values[:], self._left[:] = values, left
+
+
+class Commanded:
+    """The method by which both environments take commands while they run."""
+
+    _commands: CurrentCommands
+
+    def _observe(self) -> tuple[Float32, Array]:
+        """What is seen now, and the posture."""
+        raise NotImplementedError
+
+    def command(
+        self,
+        *,
+        speed: ArrayLike | None = None,
+        gait: Mapping[str, ArrayLike] | None = None,
+        style: ArrayLike | None = None,
+    ) -> Float32:
+        """Ask for something else from the next step to the end of each episode; what is None stays as it is now.
+
+        The schedule is over for these episodes, unless nothing is given: then nothing changes.
+
+        Numbers for all humanoids, or arrays (N,) of a vector environment. Returns the observations (N, C), or (C,) of
+        the one humanoid, of the same states with these commands. ValueError, and no change, for an environment without
+        commands, before the first reset, for an unknown gait, and for what is no command.
+
+        Args:
+            speed: m/s.
+            gait: weights of the gaits by name, such as {"walk": 1.0}, that sum to 1; 0 where one is not named.
+            style: share of the leg's stiffness.
+        """
+        self._commands.give(speed=speed, gait=gait, style=style)
+        return self._observe()[0]

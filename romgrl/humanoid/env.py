@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any, Unpack
 
 import gymnasium as gym
 import mujoco
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from romgrl.humanoid import task
 from romgrl.humanoid.command_schedules import CommandSchedule
-from romgrl.humanoid.commands import CurrentCommands, Given
+from romgrl.humanoid.commands import Commanded, CurrentCommands, Given
 from romgrl.humanoid.model import CONTROL_FREQUENCY, build, dimensions
 from romgrl.humanoid.observation import mirror_observation, observation_names, varying_columns
 from romgrl.humanoid.planar_observer import GAIT_FEATURES, SOLE_HEIGHT, TRUNK_LEAN, PlanarObserver
@@ -26,7 +25,7 @@ Float32 = NDArray[np.float32]
 _METADATA = {"render_modes": ["rgb_array"], "render_fps": round(CONTROL_FREQUENCY)}
 
 
-class PlanarHumanoidEnv(gym.Env[Float32, Float32]):
+class PlanarHumanoidEnv(Commanded, gym.Env[Float32, Float32]):
     """The same task as `PlanarHumanoidVectorEnv`, bit for bit, for one humanoid and without autoreset.
 
     `info` has `features` (5,), `forward_velocity`, `trunk_lean`, `sole_height` (2,) and `diverged`; observations are
@@ -113,28 +112,6 @@ class PlanarHumanoidEnv(gym.Env[Float32, Float32]):
         truncated = self._elapsed >= self.task.episode_steps and not terminated
         info = _info(posture, velocity, diverged=diverged) | self._commands.told(command=acted[0])
         return observation, reward, terminated, truncated, info
-
-    def command(
-        self,
-        *,
-        speed: float | None = None,
-        gait: Mapping[str, ArrayLike] | None = None,
-        style: float | None = None,
-    ) -> Float32:
-        """Ask for something else from the next step to the end of the episode; what is None stays as it is now.
-
-        The schedule is over for this episode, unless nothing is given: then nothing changes.
-
-        Returns the observation (C,) of the same state with this command. ValueError, and no change, for an environment
-        without commands, before the first reset, for an unknown gait, and for what is no command.
-
-        Args:
-            speed: m/s.
-            gait: weights of the gaits by name, such as {"walk": 1.0}, that sum to 1; 0 where one is not named.
-            style: share of the leg's stiffness.
-        """
-        self._commands.give(speed=speed, gait=gait, style=style)
-        return self._observe()[0]
 
     def _restart(self, given: Given = ()) -> None:
         self._commands.begin(self._generator, np.arange(1), given)

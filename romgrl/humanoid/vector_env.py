@@ -10,12 +10,12 @@ import mujoco
 import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 from mujoco.batch import Batch
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from romgrl.humanoid import task
 from romgrl.humanoid.command_checks import Rows
 from romgrl.humanoid.command_schedules import CommandSchedule
-from romgrl.humanoid.commands import CurrentCommands, Given
+from romgrl.humanoid.commands import Commanded, CurrentCommands, Given
 from romgrl.humanoid.model import CONTROL_FREQUENCY, build, dimensions
 from romgrl.humanoid.observation import mirror_observation, observation_names, varying_columns
 from romgrl.humanoid.planar_observer import GAIT_FEATURES, SOLE_HEIGHT, TRUNK_LEAN, PlanarObserver
@@ -30,7 +30,7 @@ Step = tuple[Float32, Float32, NDArray[np.bool_], NDArray[np.bool_], dict[str, A
 _METADATA = {"autoreset_mode": AutoresetMode.SAME_STEP, "render_modes": ["rgb_array"]}
 
 
-class PlanarHumanoidVectorEnv(VectorEnv[Float32, Float32, Any]):
+class PlanarHumanoidVectorEnv(Commanded, VectorEnv[Float32, Float32, Any]):
     """`num_envs` humanoids that shall run forward at a speed; a finished row starts anew within the same step.
 
     Observations (N, C), 358 columns for SMPL's skeleton, belong to the state after the step; `observation_names` and
@@ -179,29 +179,6 @@ class PlanarHumanoidVectorEnv(VectorEnv[Float32, Float32, Any]):
     def start_from(self, states: StartStates, share: float) -> None:
         """Let `share` of the episodes begin in other states."""
         self._starts = MixedStates(self._starts, states, share)
-
-    def command(
-        self,
-        *,
-        speed: ArrayLike | None = None,
-        gait: Mapping[str, ArrayLike] | None = None,
-        style: ArrayLike | None = None,
-    ) -> Float32:
-        """Ask for something else from the next step to the end of each episode; what is None stays as it is now.
-
-        The schedule is over for these episodes, unless nothing is given: then nothing changes.
-
-        Numbers for all humanoids, or arrays (N,). Returns the observations (N, C) of the same states with these
-        commands. ValueError, and no change, for an environment without commands, before the first reset, for an unknown
-        gait, and for what is no command.
-
-        Args:
-            speed: m/s.
-            gait: weights of the gaits by name, such as {"walk": 1.0}, that sum to 1; 0 where one is not named.
-            style: share of the leg's stiffness.
-        """
-        self._commands.give(speed=speed, gait=gait, style=style)
-        return self._observe()[0]
 
     def push(self, force: NDArray[np.float64]) -> None:
         """From now on, forward forces (N,), N, act on the pushed body's centre of mass; a restarted row has none."""

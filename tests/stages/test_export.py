@@ -31,7 +31,7 @@ from romgrl.stages.exporting.policy_json import actuator
 from romgrl.stages.wiring.humanoid import humanoid_env
 from romgrl.stages.wiring.walker_policy import read_walker
 from tests.conftest import Composer
-from tests.helpers.exported import SHIPPED, exported_student
+from tests.helpers.exported import SHIPPED
 from tests.helpers.walkers import write_walker
 
 REFUSED = "model.xml: MuJoCo .* reads another model than it wrote"
@@ -41,11 +41,6 @@ FILES = {"model.xml", "policy.json", "policy.onnx", "run_policy.py"}
 @pytest.fixture(scope="module")
 def config(compose_config: Composer) -> Config:
     return compose_config("student=pretrained", "threads=1")
-
-
-@pytest.fixture(scope="module")
-def exported(config: Config, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return exported_student(config, tmp_path_factory.mktemp("export"))
 
 
 @pytest.fixture(scope="module")

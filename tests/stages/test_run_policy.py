@@ -23,7 +23,7 @@ from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 from romgrl.stages.wiring.humanoid import humanoid_env
 from romgrl.stages.wiring.walker_policy import read_walker
 from tests.conftest import Composer
-from tests.helpers.exported import SHIPPED, exported_student
+from tests.helpers.exported import SHIPPED
 
 STEPS = 300
 Controller = Callable[[np.ndarray], np.ndarray]
@@ -32,11 +32,6 @@ Controller = Callable[[np.ndarray], np.ndarray]
 @pytest.fixture(scope="module")
 def config(compose_config: Composer) -> Config:
     return compose_config("student=pretrained", "threads=1")
-
-
-@pytest.fixture(scope="module")
-def exported(config: Config, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return exported_student(config, tmp_path_factory.mktemp("export"))
 
 
 @pytest.fixture(scope="module")
