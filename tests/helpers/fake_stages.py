@@ -29,19 +29,20 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
     """Write an array, a curve and, for the evaluation, its tables."""
     torch = sys.modules.get("torch")
     stage = output.parent.name
-    note(output, "calls.txt", stage, config.speed, config.eta, config.seed)
     start = time.time()
     fault = os.environ.get("FAKE_FAULT", "")
+    try:  # before the note, as a test may interrupt as soon as it is there
+        note(output, "calls.txt", stage, config.speed, config.eta, config.seed)
+        if not fault.startswith(f"{stage}:"):
+            log.progress(0, 3, loss=1.0)
+            sleep(float(os.environ.get("FAKE_SECONDS", "0")))
+    except KeyboardInterrupt:
+        save_arrays(output / "half.npz", {"x": np.ones(1)})
+        raise
     if fault.startswith(f"{stage}:"):
         save_arrays(output / "half.npz", {"x": np.ones(1)})
         wait_for(output.parents[1] / "calls.txt", int(os.environ.get("FAKE_FAULT_CALLS", "1")))
         raise KeyboardInterrupt if fault.endswith("interrupt") else DivergenceError(f"{stage}: loss = nan at step 7")
-    log.progress(0, 3, loss=1.0)
-    try:
-        sleep(float(os.environ.get("FAKE_SECONDS", "0")))
-    except KeyboardInterrupt:
-        save_arrays(output / "half.npz", {"x": np.ones(1)})
-        raise
     for step in range(3):
         log.progress(step, 3, loss=1.0)
         log.metrics({"loss": float(step)}, step * 10)
