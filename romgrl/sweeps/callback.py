@@ -40,7 +40,7 @@ from romgrl.tracking.journal import redacted
 from romgrl.tracking.recorder import open_recorder
 
 BUDGET_GROUPS = ("teacher", "student")
-BUDGETS = tuple(f"{group}.total_steps" for group in BUDGET_GROUPS)
+BUDGETS = ("teacher.total_steps", "teacher.generations", "student.total_steps")  # a teacher has one of the two
 
 
 def check_launcher(config: DictConfig) -> None:
@@ -87,7 +87,7 @@ def note_sweep(directory: Path, name: str, jobs: list[list[str]], loader: Config
         [[redacted(text) for text in job] for job in jobs],
         machine=machine() | {"cores_used": available_cores()},
         started=time.time(),
-        usual={key: int(OmegaConf.select(usual, key)) for key in BUDGETS},
+        usual={key: steps for key in BUDGETS if (steps := OmegaConf.select(usual, key)) is not None},
     )
 
 

@@ -30,6 +30,7 @@ from tests.helpers.configurations import with_value
 from tests.helpers.jobs import REAL_TORCH, ROOT, Command
 
 FILES = sorted(path for folder in ("conf", "sweeps") for path in (ROOT / folder).rglob("*.yaml"))
+STORED = sorted(path.stem for path in (ROOT / "sweeps").glob("*.yaml"))
 CHOICES = [f"{path.parent.name}={path.stem}" for path in FILES if path.parent.parent == CONF]
 
 
@@ -60,9 +61,7 @@ def test_every_choice_composes_and_is_valid(compose_config: Composer, choice: st
         assert section == name
 
 
-@pytest.mark.parametrize(
-    "name", ["paper", "walking", "fair", "eta", "noise", "speed", "discriminator", "robustness", "teacher", "tune"]
-)
+@pytest.mark.parametrize("name", STORED)
 def test_stored_sweeps_compose(name: str, compose_config: Composer) -> None:
     compose_config()
     with initialize_config_dir(str(CONF), version_base="1.3"):
@@ -266,12 +265,16 @@ def test_skeletons_of_the_schema_are_those_of_the_humanoid() -> None:
     assert all(skeleton.name == name for name, skeleton in SKELETONS.items())
 
 
-@pytest.mark.parametrize(("name", "teacher"), [("walking", "walking"), ("paper", "running"), ("teacher", "running")])
-def test_usual_budgets_are_those_of_the_groups_that_a_sweep_names(name: str, teacher: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", STORED)
+def test_usual_budgets_are_those_of_the_groups_that_a_sweep_names(name: str, tmp_path: Path) -> None:
+    teacher = {"walking": "walking", "variable_running": "variable_running", "experiment_paper": "ppo_paper"}.get(name)
+    searched = {"hopping": "hopping", "variable_walking": "variable_walking"}.get(name)
     with initialize_config_dir(str(CONF), version_base="1.3"):
         paths = GlobalHydra.instance().config_loader().get_search_path()
         paths.prepend("stored", f"file://{ROOT}/sweeps")
         note_sweep(tmp_path, name, [], ConfigLoaderImpl(paths))
-        chosen = compose("config", [f"teacher={teacher}"])
+        student = "sac" if name == "experiment_paper" else "fast_sac"
+        chosen = compose("config", [f"teacher={searched or teacher or 'running'}", f"student={student}"])
     usual = json.loads((tmp_path / "sweep.json").read_text(encoding="utf-8"))["usual"]
-    assert usual == {f"{group}.total_steps": chosen[group].total_steps for group in ("teacher", "student")}
+    budget = "generations" if searched else "total_steps"
+    assert usual == {f"teacher.{budget}": chosen.teacher[budget], "student.total_steps": chosen.student.total_steps}
