@@ -38,12 +38,13 @@ def main(arguments: Sequence[str]) -> int:
     chosen = parser.parse_args(arguments)
     adapt_environment()  # before Matplotlib is imported
     from romgrl.results.readme_table import readme_text
-    from romgrl.results.results_document import write_document
+    from romgrl.results.results_document import finished_sweeps, write_document
 
     def work() -> str:
         outputs = chosen.outputs.resolve()
-        others = {} if chosen.readme is None else {chosen.readme: readme_text(outputs, chosen.readme)}
-        written = write_document(outputs, chosen.docs, others)
+        found = finished_sweeps(outputs)
+        others = {} if chosen.readme is None else {chosen.readme: readme_text(found, outputs, chosen.readme)}
+        written = write_document(found, outputs, chosen.docs, others)
         return f"{written[0]}: written, with {len(written) - 1} files in {written[0].parent / 'results'}"
 
     return exit_code(work)

@@ -15,10 +15,9 @@ from romgrl.report.numbers import UNKNOWN, fixed
 from romgrl.report.style import CHANNEL_LABELS
 from romgrl.report.tables import DISTANCE_LABELS, markdown
 from romgrl.results.against_student import FAIR, by_walker, walkers_table, with_student, worth_of_each
-from romgrl.results.results_document import CLAIMED, merged
+from romgrl.results.results_document import CLAIMED, Finished
 from romgrl.results.seed_groups import CHOSEN, HELD_OUT, group_of
-from romgrl.results.sweep_cells import SEED_KEY, JobResult, by_cell, headline_jobs, note, number_row, results
-from romgrl.results.sweep_record import sweeps
+from romgrl.results.sweep_cells import SEED_KEY, JobResult, by_cell, headline_jobs, note, number_row
 from romgrl.results.sweep_tables import TABLE_COLUMNS, written
 from romgrl.results.text_table import BRACKETS
 
@@ -82,12 +81,12 @@ README_ROWS = {
 }  # the number, its label and its decimals
 
 
-def readme_text(outputs: Path, document: Path) -> str:
+def readme_text(found: Finished, outputs: Path, document: Path) -> str:
     """The text with the table between its markers. Raises ArtifactError where there is no such sweep or place."""
     jobs: dict[str, list[JobResult]] = {}
-    for sweep in merged(sweeps(outputs)):
-        finished = results(sweep, outputs) if sweep.name in CLAIMED else []
-        jobs.setdefault(sweep.on, []).extend(each for each in finished if each.evaluation is not None)
+    for sweep, finished in found:
+        several = finished if sweep.name in CLAIMED else []
+        jobs.setdefault(sweep.on, []).extend(each for each in several if each.evaluation is not None)
     if not any(jobs.values()):
         raise ArtifactError(f"{outputs}: no job of the sweeps {' and '.join(CLAIMED)} has finished")
     try:
@@ -97,17 +96,15 @@ def readme_text(outputs: Path, document: Path) -> str:
     if END not in rest:
         raise ArtifactError(f"{document}: has no markers {START} and {END}")
     table = pd.concat([runs_table(several, on) for on, several in jobs.items() if several], axis=1)
-    text = "\n".join(
-        [markdown(table.loc[:, ~table.columns.duplicated()]), *fair_table(outputs), *others_table(outputs)]
-    )
+    text = "\n".join([markdown(table.loc[:, ~table.columns.duplicated()]), *fair_table(found), *others_table(found)])
     return f"{before}{START}\n\n{text}\n{END}{rest.partition(END)[2]}"
 
 
-def fair_table(outputs: Path) -> list[str]:
+def fair_table(found: Finished) -> list[str]:
     """What stands in the student's place, beside it, and what the imitation alone is worth; none without that sweep."""
     text = []
-    for sweep in merged(sweeps(outputs)):
-        for other, walkers in by_walker(results(sweep, outputs)).items() if sweep.name == FAIR else ():
+    for sweep, finished in found:
+        for other, walkers in by_walker(finished).items() if sweep.name == FAIR else ():
             if compared := with_student(walkers):
                 table = walkers_table(walkers, compared)
                 shown = [column for column in FAIR_COLUMNS if column in table]
@@ -117,12 +114,11 @@ def fair_table(outputs: Path) -> list[str]:
     return text
 
 
-def others_table(outputs: Path) -> list[str]:
+def others_table(found: Finished) -> list[str]:
     """What students of other settings came to, a row per cell of the sweeps of OTHER_SETTINGS; nothing without any."""
     rows = []
-    for sweep in merged(sweeps(outputs)):
-        found = results(sweep, outputs) if sweep.name in OTHER_SETTINGS else []
-        for cell in by_cell(headline_jobs(found)):
+    for sweep, finished in found:
+        for cell in by_cell(headline_jobs(finished if sweep.name in OTHER_SETTINGS else [])):
             varied = (f"{key}={value}" for key, value in cell[0].swept.items() if key != SEED_KEY)
             row = {"settings": ", ".join([sweep.name, *varied])}
             row["seeds"] = ", ".join(sorted(str(each.seed) for each in cell))

@@ -17,7 +17,7 @@ from romgrl.errors import ArtifactError
 from romgrl.report.tables import markdown
 from romgrl.results.claim_sheets import claim_sheets
 from romgrl.results.claims import claims_for, finding_of, read_claims
-from romgrl.results.evaluation_index import FinishedEvaluation, codes
+from romgrl.results.evaluation_index import FinishedEvaluation, catalogue, codes
 from romgrl.results.seed_groups import by_group, seeds_told
 from romgrl.results.sweep_cells import JobResult, by_cell, results, seed_of
 from romgrl.results.sweep_record import Sweep, public, settings, sweeps
@@ -41,26 +41,35 @@ Seeds 0 to 4 chose the settings; held-out seeds stand apart, and figures and cla
 """
 
 
-def write_document(outputs: Path, docs: Path, others: Mapping[Path, str]) -> list[Path]:
-    """Write results.md and results/ from the sweeps under `outputs`, and the text of other files along with them.
+Finished = list[tuple[Sweep, list[JobResult]]]
 
-    Nothing is replaced before all of it is written. Returns what is in `docs`. Raises ArtifactError and StorageError.
-    """
+
+def finished_sweeps(outputs: Path) -> Finished:
+    """The sweeps under `outputs`, each with its jobs. Raises ArtifactError where there are none."""
     found = merged(sweeps(outputs))
     if not found:
         command = "python -m romgrl --config-dir sweeps --config-name paper"
         raise ArtifactError(f"{outputs}: holds no sweep; {command} makes one")
-    jobs = {sweep.title: results(sweep, outputs) for sweep in found}
-    if not any(each.numbers for several in jobs.values() for each in several):
-        first = next((each.error for several in jobs.values() for each in several if each.error), "none has finished")
+    known = catalogue(outputs)
+    return [(sweep, results(sweep, outputs, known)) for sweep in found]
+
+
+def write_document(found: Finished, outputs: Path, docs: Path, others: Mapping[Path, str]) -> list[Path]:
+    """Write results.md and results/ from finished sweeps under `outputs`, and the text of other files along with them.
+
+    Nothing is replaced before all of it is written. Returns what is in `docs`. Raises ArtifactError and StorageError.
+    """
+    jobs = [each for _, several in found for each in several]
+    if not any(each.numbers for each in jobs):
+        first = next((each.error for each in jobs if each.error), "none has finished")
         raise ArtifactError(f"{outputs}: no job of its sweeps has numbers ({first}); nothing was replaced")
     directory = docs / "results"
     with storage_faults(docs):
         directory.mkdir(parents=True, exist_ok=True)
         with temporary_directory(directory) as fresh, temporary_files(others) as temporaries:
             text = [HEAD]
-            for sweep in sorted(found, key=lambda each: (each.name != PAPER, each.title)):
-                text += results_section(sweep, jobs[sweep.title], outputs, fresh)
+            for sweep, several in sorted(found, key=lambda each: (each[0].name != PAPER, each[0].title)):
+                text += results_section(sweep, several, outputs, fresh)
             made = [path.name for path in fresh.iterdir()] + [FILES]
             (fresh / FILES).write_text("\n".join([*sorted(made), ""]), encoding="utf-8")
             before = made_before(directory)
@@ -69,7 +78,7 @@ def write_document(outputs: Path, docs: Path, others: Mapping[Path, str]) -> lis
                     (fresh / name).replace(directory / name)
                 for path, temporary in (document | temporaries).items():
                     temporary.replace(path)
-        prefixes = tuple(prefix_of(sweep) for sweep in found)
+        prefixes = tuple(prefix_of(sweep) for sweep, _ in found)
         for old in before - set(made):
             if old.startswith(prefixes):
                 (directory / old).unlink(missing_ok=True)

@@ -80,9 +80,9 @@ def of_students(cells: pd.DataFrame) -> bool:
     return bool(cells["number"].str.contains("student/|reduction_percent").any())
 
 
-def results(sweep: Sweep, outputs: Path) -> list[JobResult]:
-    """Every job of a sweep."""
-    known = catalogue(outputs)
+def results(sweep: Sweep, outputs: Path, known: Catalogue | None = None) -> list[JobResult]:
+    """Every job of a sweep; known: what `catalogue` found under outputs, where it has been asked already."""
+    known = catalogue(outputs) if known is None else known
     return [result(sweep, job, outputs, known) for job in sweep.jobs]
 
 
