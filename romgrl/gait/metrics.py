@@ -138,10 +138,15 @@ def infer_contact(features: Floats, velocity: Floats, dt: float, valid: Bools | 
 
 
 def touchdowns(contact: Bools) -> list[int]:
-    """Steps at which one foot lands. contact: (T,). Gaps of one step are closed first: at 30 Hz they are chatter."""
+    """Steps at which one foot lands. contact: (T,).
+
+    Gaps of one step are closed first: at 30 Hz they are chatter. What is on the ground for one step alone is no stance
+    then, but a toe that scuffs in its swing.
+    """
     closed = contact.copy()
     closed[1:-1] |= contact[:-2] & contact[2:]
-    return (np.flatnonzero(closed[1:] & ~closed[:-1]) + 1).tolist()
+    stays = np.append(closed[1:], True)
+    return (np.flatnonzero(closed[1:] & ~closed[:-1] & stays[1:]) + 1).tolist()
 
 
 def duty_factor(contact: Bools, valid: Bools | None = None) -> float:

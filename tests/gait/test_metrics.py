@@ -63,6 +63,15 @@ def test_touchdowns_close_single_gaps() -> None:
     assert metrics.touchdowns(contact) == [1, 8]
 
 
+def test_a_toe_that_scuffs_in_its_swing_has_not_landed() -> None:
+    """Feet that alternate, both with a scuff three steps after they lift: without the stance's length it is a hop."""
+    stride = np.array([1, 1, 1, 1, 1, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0], bool)
+    left = np.tile(stride, 20)
+    contact = np.stack([left, np.roll(left, 9)], axis=-1)[None]
+    assert set(np.diff(metrics.touchdowns(left))) == {18}
+    assert metrics.touchdown_phase(contact) == pytest.approx(0.5, abs=1e-9)
+
+
 def test_left_right_correlation_is_the_cosine_of_the_phase() -> None:
     for phase, expected in ((0.5, -1.0), (0.0, 1.0), (0.25, 0.0)):
         features, _ = run(right_phase=phase)
