@@ -71,7 +71,7 @@ class GridChecks:
     ) -> GridChecks:
         """Those of a configuration: each cell EPISODES times in one environment."""
         interval = config.student.check_steps
-        imitates = config.discriminator.enabled and config.eta < 1
+        imitates = config.discriminator.enabled and config.eta < 1 and config.student.kept_policy != "task_reward"
         env = None
         if interval:
             grid = grid_commands(cells)
