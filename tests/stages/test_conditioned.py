@@ -14,6 +14,7 @@ from romgrl.algorithms.commanded_windows import WindowColumns
 from romgrl.algorithms.conditioned_rom_grl import CommandedBuffer
 from romgrl.algorithms.relabelling import Relabelling
 from romgrl.algorithms.sac import load_sac_policy
+from romgrl.cli.conditioned_students import conditioned_student
 from romgrl.config.commanded import conditioned_keys
 from romgrl.config.values import value_of
 from romgrl.errors import ArtifactError
@@ -226,6 +227,27 @@ def test_the_baseline_is_asked_for_the_same_and_has_no_discriminator(
     student.run(config, {"library": library}, tmp_path, log)
     assert not [name for name in log.rows[-1][1] if "discriminator" in name or "imitation" in name]
     assert "command.run" in load_sac_policy(tmp_path / "policy.safetensors").names
+
+
+@pytest.mark.parametrize(
+    "override",
+    [
+        *(f"stage={stage}" for stage in ("all", "evaluation", "report", "robustness", "export", "watch", "verify")),
+        "student.pretrained=true",
+        "student.adapt_eta=true",
+        "student.end_early=true",
+        "student.second_try=true",
+        "discriminator.imitated=sinusoid",
+        "discriminator.reward=stored",
+        "discriminator.loss=wasserstein",
+    ],
+)
+def test_what_knows_one_speed_refuses_it_in_one_line(override: str, compose_config: Composer) -> None:
+    (line,) = conditioned_student(compose_config("experiment=every_speed", override))
+    key, value = override.split("=")
+    assert line.startswith(f"{key}: {value} is not allowed; allowed: ")
+    assert "with student.kind=conditioned" in line
+    assert not [*conditioned_student(compose_config(override))]
 
 
 def test_a_conditioned_student_reads_the_library_and_has_a_key_of_its_own(compose_config: Composer) -> None:
