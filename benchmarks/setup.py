@@ -85,9 +85,9 @@ def in_student_stage(measure: Callable[[Student], T], config: Config, reference:
     found: list[T] = []
     train = student.train_student
 
-    def instead(config: Config, env: PlanarHumanoidVectorEnv, *rest: Any) -> None:
-        learner = next(each for each in rest if isinstance(each, RomGrl))
-        found.append(measure(Student(config, env, learner, lambda changed: train(changed, env, *rest))))
+    def instead(config: Config, training: student.StudentTraining, *rest: Any) -> None:
+        env, learner = training.env, training.learner
+        found.append(measure(Student(config, env, learner, lambda changed: train(changed, training, *rest))))
 
     with tempfile.TemporaryDirectory() as directory, patch.object(student, "train_student", instead):
         student.run(config, {"reference": reference} if reference else {}, Path(directory), SilentLog())

@@ -65,6 +65,7 @@ class Discriminator:
         if split >= len(reference):
             raise ValueError(f"held_out {held_out} leaves no window of {len(reference)} to validate")
         self.real, self.validation = reference[:split].to(device), reference[split:].to(device)
+        self.learned = self.real[: len(self.validation)]  # what held-out windows are compared with
         scale = reference.std(0).clamp(min=1e-3) if standardize else torch.ones(reference.shape[1])
         self.mean = (reference.mean(0) if standardize else torch.zeros(reference.shape[1])).to(device)
         self.scale = (1 / scale if weights is None else weights / scale).to(device)
@@ -85,7 +86,11 @@ class Discriminator:
 
     def logits(self, windows: Tensor) -> Tensor:
         """Logit of being the teacher's, (B,)."""
-        return self._logit((windows - self.mean) * self.scale)
+        return self._logit(self.inputs(windows))
+
+    def inputs(self, windows: Tensor) -> Tensor:
+        """What the network sees of windows."""
+        return (windows - self.mean) * self.scale
 
     @torch.no_grad()
     def reward(self, windows: Tensor) -> Tensor:
@@ -96,8 +101,7 @@ class Discriminator:
     def update(self, windows: Tensor) -> dict[str, Tensor]:
         """One step on as many windows of the teacher as of the student, (B, window_size)."""
         self.network.train()
-        index = torch.randint(len(self.real), (len(windows),), generator=self.generator, device=windows.device)
-        real, fake = self._perturb(self.real[index]), self._perturb(windows)
+        real, fake = map(self._perturb, self._streams(windows))
         real_logits, fake_logits = self.logits(real), self.logits(fake)
         loss = self.adversarial.loss(real_logits, fake_logits, self.label_smoothing)
         penalty = self._penalty(real, fake)
@@ -120,6 +124,11 @@ class Discriminator:
             "discriminator_gradient_norm": gradient_norm,
             "discriminator_validation_loss": self._validate(),
         }
+
+    def _streams(self, windows: Tensor) -> tuple[Tensor, Tensor]:
+        """Windows that are real and fake, of those of the student."""
+        index = torch.randint(len(self.real), (len(windows),), generator=self.generator, device=windows.device)
+        return self.real[index], windows
 
     @torch.no_grad()
     def measures(self, windows: Tensor) -> dict[str, float]:
@@ -181,8 +190,7 @@ class Discriminator:
         loss = self.adversarial.real(held_out, self.label_smoothing)
         watched, tolerance = loss, 0.0
         if self.early_stop == "gap" and self.patience is not None:
-            learned = self.logits(self.real[: len(self.validation)])
-            watched = loss - self.adversarial.real(learned, self.label_smoothing)
+            watched = loss - self.adversarial.real(self.logits(self.learned), self.label_smoothing)
             tolerance = GAP_TOLERANCE * self.adversarial.undecided_loss(self.label_smoothing)
         self.stale_updates = torch.where(watched < self.best_validation + tolerance, 0, self.stale_updates + 1)
         self.best_validation = torch.minimum(self.best_validation, watched)
@@ -196,7 +204,7 @@ class Discriminator:
 
     def _penalty(self, real: Tensor, fake: Tensor) -> Tensor:
         """Slopes are by what the network sees: with standardised features, by their standard deviations."""
-        real, fake = ((windows - self.mean) * self.scale for windows in (real, fake))
+        real, fake = self.inputs(real), self.inputs(fake)
         if self.penalty_on == "interpolates":
             mix = torch.rand((len(real), 1), generator=self.generator, device=real.device)
             return interpolate_penalty(self._logit, real, fake, mix)

@@ -128,10 +128,10 @@ class ReplayBuffer:
             imitation_reward=_rows(self.imitation_reward, path),
         )
         observation, action, windows = self.mirrors
-        _mirror_half(batch.observation, observation)
-        _mirror_half(batch.next_observation, observation)
-        _mirror_half(batch.action, action)
-        _mirror_half(batch.windows, windows)
+        mirror_half(batch.observation, observation)
+        mirror_half(batch.next_observation, observation)
+        mirror_half(batch.action, action)
+        mirror_half(batch.windows, windows)
         return batch
 
     def _counts(self, path: Tensor) -> tuple[Tensor, Tensor]:
@@ -149,7 +149,7 @@ class ReplayBuffer:
         if recent is not None:
             rows = min(rows, max(1, recent // self.num_envs))
         windows = _rows(self.windows, self._draw(size, rows))
-        _mirror_half(windows, self.mirrors[2])
+        mirror_half(windows, self.mirrors[2])
         return windows
 
     def newest_windows(self, size: int) -> Tensor:
@@ -222,6 +222,7 @@ def _rows(ring: Tensor, index: Tensor) -> Tensor:
     return flat.index_select(0, index.flatten()).view(*index.shape, *flat.shape[1:])
 
 
-def _mirror_half(values: Tensor, mirror: Mirror | None) -> None:
+def mirror_half(values: Tensor, mirror: Mirror | None) -> None:
+    """Exchange left and right in every second row (B, columns), in place; None: in none."""
     if mirror is not None:
         torch.mul(values[::2].index_select(-1, mirror.permutation), mirror.sign, out=values[::2])

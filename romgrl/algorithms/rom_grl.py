@@ -38,7 +38,7 @@ class RomGrl:
 
     def update(self, count: int) -> Metrics:
         """Run `count` SAC updates with the discriminator as it is now; returns the last value of each metric."""
-        drawn = self.buffer.sample(count * self.batch_size)
+        drawn = self.draw(count * self.batch_size)
         self.normalizer.apply_(drawn.observation)
         self.normalizer.apply_(drawn.next_observation)
         reward, metrics = self._reward(drawn)
@@ -46,6 +46,10 @@ class RomGrl:
             self.discriminator_due += self.sac.updates % self.discriminator_interval == 0
             metrics |= self.sac.update(batch, share)
         return metrics
+
+    def draw(self, size: int) -> Batch:
+        """So many transitions to learn from."""
+        return self.buffer.sample(size)
 
     def start_discriminator(self) -> Callable[[], Metrics]:
         """Begin the discriminator's updates that are due, in the second lane where there is one.
@@ -123,6 +127,10 @@ class RomGrl:
         seen, self.stop_seen = self.stop_seen, self.discriminator is not None and self.discriminator.stopped
         return self.stop_seen and not seen
 
+    def task_weight(self, batch: Batch) -> Tensor | float:
+        """Eta of the steps of a batch."""
+        return self.eta
+
     def _reward(self, batch: Batch) -> tuple[Tensor, Metrics]:
         """Sum of gamma^k r_k over the steps that count, (B,), with r = eta r_env + (1 - eta) r_im (paper, J(pi)) and
         the discriminator as it is now."""
@@ -132,7 +140,8 @@ class RomGrl:
         imitation = batch.imitation_reward
         if not self.stored_reward:
             imitation = self.discriminator.reward(batch.windows.flatten(0, 1)).view_as(imitation)
-        reward = self.eta * batch.task_reward + (1 - self.eta) * imitation
+        eta = self.task_weight(batch)
+        reward = eta * batch.task_reward + (1 - eta) * imitation
         share = (1 - self.eta) * imitation.mean() / reward.mean().clamp(min=1e-6)
         return (weights * reward).sum(1), {
             "task_reward": batch.task_reward.mean(),

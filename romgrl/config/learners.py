@@ -14,6 +14,12 @@ class Student:
     """SAC on the humanoid (paper section 3.3); the baseline is the same with eta = 1 and no discriminator."""
 
     name: str = key("what it is called; not given: as its preset")
+    kind: str = key(
+        "what it is asked for, one_speed: to hold speed; conditioned: to follow commands over the cells of a library, "
+        "which its policy sees",
+        choices=("one_speed", "conditioned"),
+        before="one_speed",
+    )
     alpha: float | None = key(
         "sensitivity of the velocity reward; null: 4 over the target speed, so that a relative error counts the same "
         "at all speeds (1 at 4 m/s, the paper's)",

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from romgrl.config.commanded import STUDENTS
 from romgrl.config.fields import key, one_of
 from romgrl.config.learners import Discriminator, Student
 from romgrl.config.teachers import TEACHERS, TOP_SPEED, Teacher
@@ -15,7 +16,11 @@ from romgrl.config.worlds import ROMS, Humanoid, Rom
 
 PRESETS = ("experiment", "comparison")  # groups whose files change keys of others
 STAGES = ("teacher", "reference", "student", "baseline", "evaluation", "report")
-OPTIONAL_STAGES = ("robustness", "library", "export")  # made only when asked for by name; no stage reads them
+OPTIONAL_STAGES = (
+    "robustness",
+    "library",
+    "export",
+)  # made only when asked for by name, or read
 
 
 @dataclass
@@ -132,7 +137,7 @@ class Config:
     teacher: Teacher = one_of(TEACHERS, by="algorithm")
     reference: Reference = field(default_factory=Reference)
     humanoid: Humanoid = field(default_factory=Humanoid)
-    student: Student = field(default_factory=Student)
+    student: Student = one_of(STUDENTS, by="kind")
     discriminator: Discriminator = field(default_factory=Discriminator)
     evaluation: Evaluation = field(default_factory=Evaluation)
     robustness: Robustness = field(default_factory=Robustness)

@@ -110,6 +110,10 @@ class FrameWindows:
         self.layout = layout
         self.frames = np.zeros((num_envs, layout.span, layout.positions), dtype=np.float32)
 
+    def frame(self, info: Mapping[str, Float32], prefix: str = "") -> Float32:
+        """As the layout's."""
+        return self.layout.frame(info, prefix)
+
     def restart(self, frame: Float32, rows: NDArray[np.bool_] | slice = slice(None)) -> None:
         """Fill the windows of `rows` with their first step (N, positions), as if they had stood there."""
         self.frames[rows] = frame[rows][:, None]

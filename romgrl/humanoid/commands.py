@@ -185,7 +185,9 @@ class CurrentCommands:
             raise ValueError(f"state must have {needed}, as the environment has, not {shown(state)}")
         if state["names"] != own["names"]:
             raise ValueError(f"state must have the commands {own['names']}, not {shown(state['names'])}")
-        values, left = (numbers(f"{name} of the state's commands", state[name]) for name in ("values", "left"))
+        values, left = (
+            numbers(f"{name} of the state's commands", np.asarray(state[name])) for name in ("values", "left")
+        )
         if values.shape != self.values.shape or left.shape != self._left.shape:
             raise ValueError(f"state must have commands of shape {self.values.shape}, not {values.shape}")
         begun = left >= 1

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from romgrl.humanoid.model import body_ids
 from romgrl.humanoid.planar_observer import LEFT_ANKLE, PELVIS_HEIGHT, RIGHT_ANKLE
 from romgrl.humanoid.skeleton import skeleton_of
-from romgrl.humanoid.start_states import lowest_points, mirrored_at_random, within_ranges
+from romgrl.humanoid.start_states import Commanding, lowest_points, mirrored_at_random, within_ranges
 
 Array = NDArray[np.float64]
 
@@ -54,9 +54,9 @@ class ReferenceStates:
         """Steps that have one before and two behind them in their episode."""
         return np.flatnonzero(self.episode[3:] == self.episode[:-3]) + 1
 
-    def draw(self, generator: np.random.Generator, count: int) -> tuple[Array, Array]:
+    def draw(self, generator: np.random.Generator, count: int, commands: Commanding = None) -> tuple[Array, Array]:
         """Times between two steps, too: positions are interpolated."""
-        rows, between = generator.choice(self.middle, count), generator.random((count, 1))
+        rows, between = self.drawn_steps(generator, count, commands), generator.random((count, 1))
 
         def at(shift: int) -> Array:
             before, after = (self.features[rows + shift + step].astype(float) for step in (0, 1))
@@ -67,6 +67,10 @@ class ReferenceStates:
         qvel[:, 3:] = np.clip(qvel[:, 3:], -LARGEST_JOINT_SPEED, LARGEST_JOINT_SPEED)
         qpos[:, 1] += np.maximum(0.0, -lowest_points(self.model, self.data, qpos))
         return mirrored_at_random(self.model, generator, qpos, qvel)
+
+    def drawn_steps(self, generator: np.random.Generator, count: int, commands: Commanding) -> NDArray[np.int64]:
+        """Which of `middle` (count,), whatever is asked."""
+        return generator.choice(self.middle, count)
 
 
 def follow(model: mujoco.MjModel, features: Array) -> Array:

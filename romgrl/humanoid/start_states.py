@@ -14,6 +14,7 @@ from romgrl.humanoid.model import lowest_point
 from romgrl.humanoid.skeleton import skeleton_of
 
 Array = NDArray[np.float64]
+Commanding = NDArray[np.float32] | None
 
 POSE_NOISE = 0.05
 """Spread of every joint angle, rad."""
@@ -24,8 +25,11 @@ RATE_NOISE = 0.1
 class StartStates(Protocol):
     """Where episodes may begin."""
 
-    def draw(self, generator: np.random.Generator, count: int) -> tuple[Array, Array]:
-        """qpos and qvel (count, nq and nv); an environment adds the forward speed that it draws."""
+    def draw(self, generator: np.random.Generator, count: int, commands: Commanding = None) -> tuple[Array, Array]:
+        """qpos and qvel (count, nq and nv); an environment adds the forward speed that it draws.
+
+        commands: of these episodes (count, 2 + G), as `romgrl.humanoid.commands` has them; None: there are none.
+        """
 
 
 @dataclass(frozen=True)
@@ -39,7 +43,7 @@ class StrideStates:
         """Where positions are looked at."""
         return mujoco.MjData(self.model)
 
-    def draw(self, generator: np.random.Generator, count: int) -> tuple[Array, Array]:
+    def draw(self, generator: np.random.Generator, count: int, commands: Commanding = None) -> tuple[Array, Array]:
         """Within the joint ranges; the forward speed is left at 0."""
         model, skeleton = self.model, skeleton_of(self.model)
         column, left, right = skeleton.column, skeleton.left, skeleton.right
@@ -74,11 +78,12 @@ class MixedStates:
     second: StartStates
     share: float
 
-    def draw(self, generator: np.random.Generator, count: int) -> tuple[Array, Array]:
+    def draw(self, generator: np.random.Generator, count: int, commands: Commanding = None) -> tuple[Array, Array]:
         """Each row by itself."""
         theirs = generator.random(count) < self.share
-        qpos, qvel = self.first.draw(generator, count)
-        qpos[theirs], qvel[theirs] = self.second.draw(generator, int(theirs.sum()))
+        qpos, qvel = self.first.draw(generator, count, commands)
+        asked = None if commands is None else commands[theirs]
+        qpos[theirs], qvel[theirs] = self.second.draw(generator, int(theirs.sum()), asked)
         return qpos, qvel
 
 

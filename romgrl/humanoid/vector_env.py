@@ -165,7 +165,8 @@ class PlanarHumanoidVectorEnv(Commanded, VectorEnv[Float32, Float32, Any]):
         """Draw new commands and states for `rows`; `given` replaces the commands of all."""
         self._commands.begin(self._generator, rows, given)
         asked = self._commands.speeds
-        qpos, qvel = self._starts.draw(self._generator, len(rows))
+        commands = None if asked is None else self._commands.values[rows]
+        qpos, qvel = self._starts.draw(self._generator, len(rows), commands)
         qvel[:, 0] += self.task.draw_speed(self._generator, len(rows), None if asked is None else asked[rows])
         self._place(rows, qpos, qvel)
 

@@ -26,6 +26,7 @@ from romgrl.artifacts import (
 )
 from romgrl.artifacts.locks import exclusive, lock_path, waited_for
 from romgrl.artifacts.workspace import Workspace
+from romgrl.config.commanded import is_conditioned
 from romgrl.config.schema import Config
 from romgrl.errors import ArtifactError, RomgrlError
 from romgrl.pipeline.run_names import stage_note, stage_title
@@ -69,10 +70,14 @@ class Job:
     reused: dict[str, Manifest] = field(default_factory=dict)
     stopping: threading.Event = field(default_factory=threading.Event)
 
+    def reads(self, stage: str) -> tuple[str, ...]:
+        """The stages that a stage reads."""
+        return STAGES[stage].reads(conditioned=is_conditioned(self.config))
+
     def directory(self, stage: str) -> Path | None:
         """Where the artifact of a stage is or will be; None while one that it reads is not there."""
         if stage not in self.directories:
-            digests = {name: self.digest(name) for name in STAGES[stage].upstream}
+            digests = {name: self.digest(name) for name in self.reads(stage)}
             known = {name: digest for name, digest in digests.items() if digest is not None}
             if len(known) < len(digests):
                 return None
@@ -182,7 +187,7 @@ class Job:
     def make(self, stage: str, directory: Path, runner: Runner, threads: int) -> Manifest:
         """Run a stage in its workspace, describe what it wrote, and publish the whole."""
         config = replace(stage_config(stage, self.config), threads=threads)
-        inputs = {upstream: self.finished[upstream] for upstream in STAGES[stage].upstream}
+        inputs = {upstream: self.finished[upstream] for upstream in self.reads(stage)}
         upstream = {name: self.verify(name, path) for name, path in inputs.items()}
         settings = stage_settings(stage, self.config)
         workspace = Workspace(directory)

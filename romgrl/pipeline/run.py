@@ -11,6 +11,7 @@ from queue import SimpleQueue
 from rich.console import Console
 
 from romgrl.cli.consistency import validate
+from romgrl.config.commanded import is_conditioned
 from romgrl.config.schema import Config
 from romgrl.pipeline.job import Job
 from romgrl.pipeline.run_names import job_note, job_title
@@ -135,11 +136,12 @@ def resolve(config: Config) -> Config:
 def run_stages(job: Job) -> None:
     """Make what is missing: in this process one after the other, or in two where stages can run side by side."""
     config = job.config
-    stages = plan(wanted(config.stage), job.present)
+    stages = plan(wanted(config.stage), job.present, conditioned=is_conditioned(config))
     job.require_places(stages)
     threads = dict.fromkeys(stages, config.threads)
     if config.parallel_stages and config.threads >= WORKERS:
-        threads |= share_threads([stage for stage in stages if not job.present(stage)], config.threads)
+        missing = [stage for stage in stages if not job.present(stage)]
+        threads |= share_threads(missing, config.threads, conditioned=is_conditioned(config))
     if all(share == config.threads for share in threads.values()):
         for stage in stages:
             job.ensure(stage, runner=execute, threads=config.threads)
@@ -169,7 +171,7 @@ def run_side_by_side(job: Job, stages: Sequence[str], threads: Mapping[str, int]
         futures: dict[str, Future[None]] = {}
         try:
             for stage in stages:
-                upstream = [futures[name] for name in STAGES[stage].upstream if name in futures]
+                upstream = [futures[name] for name in job.reads(stage) if name in futures]
                 futures[stage] = pool.submit(ensure, stage, upstream)
             wait_for_first(futures.values())
         finally:

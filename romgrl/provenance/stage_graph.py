@@ -22,8 +22,9 @@ class Stage:
     `depends`: keys and groups of the configuration that change what it makes. `knobs`: keys in the title of its run, by
     their labels. `tables`: its CSV files that MLflow shows, with the columns that name a row. `metrics`, `printed`:
     module:function from its directory to numbers of a run, and to what ends a job on the terminal. `beside`: what ships
-    trained and is compared with. `drawn`: it makes pictures. `optional`: it is made only where it is asked for by name;
-    no stage reads it. `fetched`: it may come from a tracking server, which no code is taken from.
+    trained and is compared with. `drawn`: it makes pictures. `optional`: it is made only where it is asked for by name,
+    or read. `fetched`: it may come from a tracking server, which no code is taken from. `conditioned`: the stages that
+    it reads in place of `upstream` where the student is conditioned; None: it knows of no such student.
     """
 
     doc: str
@@ -38,6 +39,11 @@ class Stage:
     drawn: bool = False
     optional: bool = False
     fetched: bool = True
+    conditioned: tuple[str, ...] | None = None
+
+    def reads(self, *, conditioned: bool) -> tuple[str, ...]:
+        """The stages that it reads, with a student that is conditioned or not."""
+        return self.conditioned if conditioned and self.conditioned is not None else self.upstream
 
     def numbers(self, directory: Path) -> dict[str, float]:
         """The numbers of a run whose artifact lies in a directory."""
@@ -70,6 +76,7 @@ STAGES: dict[str, Stage] = {
         "romgrl.stages.student:run",
         ("reference",),
         ("student", "discriminator", "humanoid", "teacher.speed", "speed", "eta", "noise", "seed", "device"),
+        conditioned=("library",),
     ),
     "baseline": Stage(
         "SAC alone",
@@ -77,6 +84,7 @@ STAGES: dict[str, Stage] = {
         (),
         ("student", "humanoid", "speed", "seed", "device"),
         knobs=WALKING_KNOBS,
+        conditioned=("library",),
     ),
     "evaluation": Stage(
         "student and baseline scored against the reference",
@@ -144,21 +152,27 @@ def wanted(stage: str) -> list[str]:
     return [name for name, each in STAGES.items() if not each.optional] if stage == "all" else [stage]
 
 
-def plan(targets: Iterable[str], present: Callable[[str], bool]) -> list[str]:
+def plan(targets: Iterable[str], present: Callable[[str], bool], *, conditioned: bool = False) -> list[str]:
     """The targets and, for each that is not there, what it needs; upstream first."""
-    needed = set(targets)
-    for stage in reversed(STAGES):
-        if stage in needed and not present(stage):
-            needed |= set(STAGES[stage].upstream)
-    return [stage for stage in STAGES if stage in needed]
+    found: list[str] = []
+
+    def add(stage: str) -> None:
+        if stage not in found:
+            for name in () if present(stage) else STAGES[stage].reads(conditioned=conditioned):
+                add(name)
+            found.append(stage)
+
+    for stage in targets:
+        add(stage)
+    return found
 
 
-def share_threads(stages: Collection[str], threads: int) -> dict[str, int]:
+def share_threads(stages: Collection[str], threads: int, *, conditioned: bool = False) -> dict[str, int]:
     """Threads of each stage that is to be made: half of all where another does not need it, nor it the other.
 
     Decided before the first stage starts, so that no result depends on how long another stage takes.
     """
-    ahead = {stage: upstream_of(stage) for stage in stages}
+    ahead = {stage: upstream_of(stage, conditioned=conditioned) for stage in stages}
 
     def beside(stage: str) -> bool:
         return any(one != stage and one not in ahead[stage] and stage not in ahead[one] for one in stages)
@@ -166,7 +180,7 @@ def share_threads(stages: Collection[str], threads: int) -> dict[str, int]:
     return {stage: max(1, threads // 2) if beside(stage) else threads for stage in stages}
 
 
-def upstream_of(stage: str) -> set[str]:
+def upstream_of(stage: str, *, conditioned: bool = False) -> set[str]:
     """Every stage that a stage needs, directly or through others."""
-    direct = STAGES[stage].upstream
-    return set(direct).union(*(upstream_of(name) for name in direct))
+    direct = STAGES[stage].reads(conditioned=conditioned)
+    return set(direct).union(*(upstream_of(name, conditioned=conditioned) for name in direct))

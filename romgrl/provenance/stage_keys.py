@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from romgrl.artifacts import read_manifest
+from romgrl.config.commanded import ConditionedStudent, is_conditioned
 from romgrl.config.schema import Config
 from romgrl.config.teachers import COMMANDS
 from romgrl.config.values import value_of
@@ -30,7 +31,11 @@ def stage_config(stage: str, config: Config) -> Config:
     """The configuration that a stage sees: without imitation for the baseline and where there is no discriminator."""
     if stage == "baseline" or not config.discriminator.enabled:
         silent = replace(config.discriminator, enabled=False, features="paper", window=1, stride=1, reward="recomputed")
-        student = replace(config.student, reference_resets=0.0, adapt_eta=False, end_early=False, second_try=False)
+        resets = config.student.reference_resets if is_conditioned(config) else 0.0
+        student = replace(config.student, reference_resets=resets, adapt_eta=False, end_early=False, second_try=False)
+        if isinstance(student, ConditionedStudent):
+            student = replace(student, mismatched_share=0.0, mismatch_distance=1.0)
+            student = replace(student, stratify=False, standardize_by_command=False)
         if stage == "baseline":
             student = replace(student, posture_weight=0.0, kept_policy="task_reward")
         return replace(config, eta=1.0, noise=0.0, discriminator=silent, student=student)
@@ -50,6 +55,10 @@ def stage_settings(stage: str, config: Config) -> dict[str, Any]:
         value = value_of(config, key)
         nested = hasattr(value, "__dataclass_fields__")
         settings |= {f"{key}.{name}": item for name, item in asdict(value).items()} if nested else {key: value}
+    if is_conditioned(config) and STAGES[stage].conditioned is not None:  # asked for more than speed
+        settings = {name: value for name, value in settings.items() if name not in ("speed", "teacher.speed")}
+    elif settings.get("student.kind") == "one_speed":  # as the keys of all that was trained before there was another
+        del settings["student.kind"]
     if stage in ("teacher", "library"):  # of a range, both are the same whichever of it is asked for later
         for name, of in COMMANDS.items():
             if settings[f"teacher.{of}"] is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -14,12 +15,19 @@ from romgrl.algorithms.rom_grl import RomGrl
 from romgrl.algorithms.sac import Metrics, Mirrors, save_sac_policy
 from romgrl.algorithms.second_thread import second_lane, submit_or_run
 from romgrl.artifacts.checkpoint import State
+from romgrl.config.commanded import conditioned_keys, is_conditioned
 from romgrl.config.schema import Config
 from romgrl.gait.discriminator_windows import FrameWindows, WindowLayout
 from romgrl.humanoid.model import identity
 from romgrl.humanoid.reference_states import ReferenceStates
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 from romgrl.runtime.stage_log import StageLog
+from romgrl.stages.conditioned.cells import read_command_cells
+from romgrl.stages.conditioned.command_watch import CommandWatch
+from romgrl.stages.conditioned.commanded_frames import CommandedFrames
+from romgrl.stages.conditioned.conditioned_learner import build_conditioned_learner
+from romgrl.stages.conditioned.curriculum import Curriculum
+from romgrl.stages.conditioned.grid_check import GridChecks
 from romgrl.stages.training.budget import Budget
 from romgrl.stages.training.checkpoints import Stateful, TrainingCheckpoints
 from romgrl.stages.training.discriminator_watch import HealthWatch
@@ -53,8 +61,27 @@ class StudentLoop:
         vars(self).update(state)
 
 
+@dataclass
+class StudentTraining:
+    """What a training works with.
+
+    speed: what its health is judged by, m/s; mirrors: of its policy; follows: what a student does of the commands that
+    it is asked for, None: there are none.
+    """
+
+    env: PlanarHumanoidVectorEnv
+    windows: FrameWindows
+    learner: RomGrl
+    checks: GaitChecks | GridChecks
+    mirrors: Mirrors | None
+    speed: float
+    follows: CommandWatch | None = None
+
+
 def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog) -> None:
     """Train a student (inputs: reference) or, with eta = 1 and no discriminator, a baseline; write its policy.
+
+    A conditioned one has a library in the place of the reference, and so has its baseline.
 
     With two threads or more, physics runs beside the updates; where critics and policy take their gradients
     simultaneously, physics and policy have one half of the threads and the critics the other.
@@ -62,32 +89,71 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
     beside = config.threads > 1
     each = config.threads // 2 if beside and config.student.simultaneous else config.threads
     torch.set_num_threads(each)
+    with second_lane(beside) as lane:
+        if is_conditioned(config):
+            training = conditioned_training(config, inputs["library"], output, log, lane, threads=each)
+        else:
+            training = one_speed_training(config, inputs.get("reference"), output, log, lane, threads=each)
+        env, learner = training.env, training.learner
+        columns, humanoid = torch.from_numpy(env.columns), identity(env.model)
+
+        def save(moments: tuple[Tensor, Tensor] | None = None) -> None:
+            mean_and_scale = moments or learner.normalizer.mean_and_scale()
+            path, names = output / "policy.safetensors", env.observation_names
+            save_sac_policy(path, learner.sac, columns, *mean_and_scale, humanoid, names, training.mirrors)
+
+        train_student(config, training, log, output, save)
+        save(training.checks.keep_best(learner))
+
+
+def one_speed_training(
+    config: Config, reference: Path | None, output: Path, log: StageLog, lane: Executor | None, *, threads: int
+) -> StudentTraining:
+    """Of a student that holds a speed; `threads`: of its physics."""
     env = humanoid_env(
-        replace(config, threads=each),
+        replace(config, threads=threads),
         num_envs=config.student.num_envs,
         posture_weight=config.student.posture_weight,
         compact=config.student.compact_observation,
     )
-    columns = torch.from_numpy(env.columns)
     windows = FrameWindows(num_envs=env.num_envs, layout=window_layout(config))
-    humanoid = identity(env.model)
-    if "reference" in inputs and config.student.reference_resets > 0:
-        start_from_reference(config, env, inputs["reference"])
-    with second_lane(beside) as lane:
-        learner = build_student_learner(config, env, windows.layout, inputs.get("reference"), lane)
+    if reference is not None and config.student.reference_resets > 0:
+        start_from_reference(config, env, reference)
+    learner, mirrors = build_student_learner(config, env, windows.layout, reference, lane), policy_mirrors(config, env)
+    checks = GaitChecks.of(config, reference, torch.from_numpy(env.columns), mirrors, output, log)
+    return StudentTraining(env, windows, learner, checks, mirrors, config.speed)
 
-        mirrors = (
-            Mirrors(env.mirror_observation.tensors(), env.mirror_action.tensors()) if config.student.mirror else None
-        )
-        checks = GaitChecks.of(config, inputs.get("reference"), columns, mirrors, output, log)
 
-        def save(moments: tuple[Tensor, Tensor] | None = None) -> None:
-            mean_and_scale = moments or learner.normalizer.mean_and_scale()
-            path = output / "policy.safetensors"
-            save_sac_policy(path, learner.sac, columns, *mean_and_scale, humanoid, env.observation_names, mirrors)
+def conditioned_training(
+    config: Config, library: Path, output: Path, log: StageLog, lane: Executor | None, *, threads: int
+) -> StudentTraining:
+    """Of a student that follows commands; `threads`: of its physics."""
+    layout = window_layout(config)
+    cells = read_command_cells(library, config, span=layout.span)
+    student = conditioned_keys(config.student)
+    curriculum = Curriculum(student, cells, student.alpha, student.num_envs)
+    env = humanoid_env(
+        replace(config, threads=threads),
+        num_envs=student.num_envs,
+        posture_weight=student.posture_weight,
+        compact=student.compact_observation,
+        commands=curriculum.schedule,
+    )
+    if student.reference_resets > 0:
+        env.start_from(cells.states(env.model), student.reference_resets)
+    windows = CommandedFrames(num_envs=env.num_envs, layout=layout)
+    learner, mirrors = build_conditioned_learner(config, env, layout, cells, lane), policy_mirrors(config, env)
+    curriculum.tell(learner.relabelling.ranges)
+    checks = GridChecks.of(config, cells, torch.from_numpy(env.columns), mirrors, output, log)
+    watch = CommandWatch(config, cells, curriculum, learner, output, log)
+    return StudentTraining(env, windows, learner, checks, mirrors, float(cells.ranges.mean()), watch)
 
-        train_student(config, env, windows, learner, checks, log, output, save)
-        save(checks.keep_best(learner))
+
+def policy_mirrors(config: Config, env: PlanarHumanoidVectorEnv) -> Mirrors | None:
+    """Those of a policy that treats left and right alike; None: it may not."""
+    if not config.student.mirror:
+        return None
+    return Mirrors(env.mirror_observation.tensors(), env.mirror_action.tensors())
 
 
 def start_from_reference(config: Config, env: PlanarHumanoidVectorEnv, reference: Path) -> None:
@@ -104,25 +170,20 @@ def window_layout(config: Config) -> WindowLayout:
 
 
 def train_student(
-    config: Config,
-    env: PlanarHumanoidVectorEnv,
-    windows: FrameWindows,
-    learner: RomGrl,
-    checks: GaitChecks,
-    log: StageLog,
-    output: Path,
-    save: Callable[[], None],
+    config: Config, training: StudentTraining, log: StageLog, output: Path, save: Callable[[], None]
 ) -> None:
     """Act, step and learn: the physics of a step runs beside the updates, which use what was stored before it."""
     student, device = config.student, config.device
-    frame = windows.layout.frame
+    env, windows, learner, checks = training.env, training.windows, training.learner, training.checks
+    frame, follows = windows.frame, training.follows
     tally = StudentTally(env.num_envs, config.humanoid.control_frequency)
     observation, info = env.reset(seed=config.seed)
     windows.restart(frame(info))
     loop = StudentLoop(torch.from_numpy(observation).to(device))
-    health = HealthWatch(config, output, log)
+    health = HealthWatch(replace(config, speed=training.speed), output, log)
     budget = Budget(student.total_steps, student.minutes)
     parts: dict[str, Stateful] = {"env": env, "windows": windows, "learner": learner, "checks": checks}
+    parts |= {"follows": follows} if follows is not None else {}
     checkpoints = TrainingCheckpoints(
         output,
         parts | {"loop": loop, "tally": tally, "health": health, "budget": budget},
@@ -158,12 +219,15 @@ def train_student(
             finished = terminated | truncated
             windows.restart(frame(info, "reset_"), finished)
             tally.add(info, terminated, finished)
+            if follows is not None:
+                follows.take(info)
             loop.observation = following
             loop.metrics |= updated()
             step += env.num_envs
             budget.tick()
             if step % LOG_INTERVAL < env.num_envs or budget.reached(step):
-                tell(log, loop, tally, learner, health, step, budget)
+                seen_of_commands = {} if follows is None else follows.review(step, budget.share(step))
+                tell(log, loop, tally, learner, health, step, budget, seen_of_commands)
             if learner.just_stopped():
                 log.message(f"the discriminator stopped at step {step:,}: no better on held-out windows")
             checks.check_if_due(step, learner, budget)
@@ -185,9 +249,11 @@ def tell(
     health: HealthWatch,
     step: int,
     budget: Budget,
+    more: Mapping[str, float],
 ) -> None:
-    """Write a row of the learning curve, and say what is wrong with the discriminator; at the end, what was used."""
-    values = loop.numbers() | tally.take() | learner.counts() | learner.measures(LOG_INTERVAL)
+    """Write a row of the learning curve, with `more`, and say what is wrong with the discriminator; at the end, what
+    was used."""
+    values = loop.numbers() | tally.take() | learner.counts() | learner.measures(LOG_INTERVAL) | dict(more)
     log.metrics(values, step)
     log.progress(step, budget.expected_steps(step), speed=values["speed"], episode=values["episode_seconds"])
     health.add(values, step)

@@ -48,7 +48,7 @@ def preset_of(key: str) -> list[str]:
         return []
     group = next(entry for entry in fields(Config) if key.startswith(f"{entry.name}."))
     kinds = (kind for kind in group.metadata["kinds"] if key not in foreign_keys({kind_key(group): kind}.get))
-    return [f"{group.name}={next(kinds)}"]
+    return [f"{group.name}={next(kinds)}", *(["stage=student"] if group.name == "student" else [])]
 
 
 def bad_forms(entry: Any) -> list[str]:
@@ -107,8 +107,7 @@ SPECIAL = (
     case("student.hidden_sizes=[]", says=("student.hidden_sizes: []", ALLOWED, "at least one")),
     case("rom.reset_speed=[2,1]", says=("rom.reset_speed: [2, 1]", ALLOWED, "two numbers, the lower one first")),
     case("humanoid.reset_speed=[0,1,2]", says=("humanoid.reset_speed: [0, 1, 2]", ALLOWED, "two numbers")),
-    case("student=sac", "student.simultaneous=true",
-         says=("student.policy_updates: 2", ALLOWED, "1 with student.simultaneous=true")),
+    case("student=sac", "student.simultaneous=true", says=("student.policy_updates: 2", "student.simultaneous=true")),
     case("student.mirror=1", says=("student.mirror: 1", ALLOWED, "true or false")),
     case("speed='x", says=("speed=", "cannot be read", "<= 10 m/s")),
     case("speed=[1", says=("speed=[1", "cannot be read", "<= 10 m/s")),
@@ -289,6 +288,7 @@ MISFITS = (
     ("discriminator.window", "discriminator.stride=32 discriminator.window=20"),
     ("discriminator.gradient_penalty", "discriminator.loss=wasserstein discriminator.gradient_penalty=0"),
     ("discriminator.held_out", "discriminator.held_out=0.00001"),
+    ("stage", "student=conditioned"),
     ("rom.reset_hip_angle", "rom.hip_angle_limit=0.2"),
     ("rom.stiffness", "rom.substeps=1"),
     ("rom.mass", "rom.foot_mass=40"),

@@ -148,6 +148,8 @@ def good_values(config: Config, seed: int) -> Iterator[list[str]]:
         kind, value = kind_of(entry), value_of(config, key)
         if key.endswith(".pretrained"):
             yield [key.replace(".", "=")]  # the preset: it needs more than this key
+        elif key == "student.kind":
+            yield ["student=conditioned", "stage=student"]  # which no evaluation knows yet
         elif any(key == kind_key(group) for group in fields(Config)):
             yield [f"{key.partition('.')[0]}={draw.choice(list(entry.metadata['choices']))}"]  # likewise
         elif kind.item == "bool":

@@ -111,11 +111,7 @@ class GaitChecks:
         """
         if self.env is None or (step // self.interval <= len(self.rows) and not budget.reached(step)):
             return
-        moments = learner.normalizer.mean_and_scale()
-        with torch.random.fork_rng(devices=[]):  # the weights drawn here are no part of the training
-            network = StackedMLP(stack=1, **learner.sac.network)
-        network.flat.copy_(learner.sac.average.flat)
-        policy = SACPolicy(network, self.columns, *(part.cpu() for part in moments), mirrors=self.mirrors)
+        policy, weights = averaged_policy(learner, self.columns, self.mirrors)
         seed = self.config.seed + CHECK_SEED
         measured = self.measure(record(self.env, policy, steps=STEPS, seed=seed, dt=self.env.control_step))
         row = {"step": float(step), "eta": float(learner.eta)} | {
@@ -123,7 +119,7 @@ class GaitChecks:
         }
         self.rows.append(row)
         if self.kept is row:
-            self.best = [network.flat, *moments]
+            self.best = weights
         if budget.reached(step, 0.5):
             self.tell(row)
         adapts = self.config.student.adapt_eta and self.teacher is not None and self.config.eta < 1
@@ -222,6 +218,16 @@ class GaitChecks:
         """Go on from a state."""
         self.rows = [dict(zip(state["names"], map(float, row), strict=True)) for row in state["rows"]]
         self.best = [torch.as_tensor(state[name]) for name in ("weights", "mean", "scale")] if self.rows else []
+
+
+def averaged_policy(learner: RomGrl, columns: Tensor, mirrors: Mirrors | None) -> tuple[SACPolicy, list[Tensor]]:
+    """The averaged policy as it is now, on the processor; its weights, mean and scale of its observations."""
+    moments = learner.normalizer.mean_and_scale()
+    with torch.random.fork_rng(devices=[]):  # the weights drawn here are no part of the training
+        network = StackedMLP(stack=1, **learner.sac.network)
+    network.flat.copy_(learner.sac.average.flat)
+    policy = SACPolicy(network, columns, *(part.cpu() for part in moments), mirrors=mirrors)
+    return policy, [network.flat, *moments]
 
 
 def percent(value: float, of: float) -> float:

@@ -6,6 +6,7 @@ from typing import Any
 
 from romgrl.config.schema import Config
 from romgrl.humanoid import model
+from romgrl.humanoid.command_schedules import CommandSchedule
 from romgrl.humanoid.task import sensitivity
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 
@@ -18,11 +19,12 @@ def humanoid_env(
     posture_weight: float = 0.0,
     compact: bool = False,
     body: Any = None,
+    commands: CommandSchedule | None = None,
 ) -> PlanarHumanoidVectorEnv:
     """The humanoid of the configuration, `num_envs` times; episode_steps: None for the configuration's.
 
     `posture_weight`: share of the reward that is for the posture; `compact`: observations without the columns that are
-    constant in the plane; `body`: another model in its place.
+    constant in the plane; `body`: another model in its place; `commands`: what it is asked for, None: the speed.
     """
     humanoid = config.humanoid
     return PlanarHumanoidVectorEnv(
@@ -39,6 +41,7 @@ def humanoid_env(
         fall_trunk_lean=humanoid.fall_trunk_lean,
         control_frequency=humanoid.control_frequency,
         num_threads=config.threads,
+        commands=commands,
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from concurrent.futures import Executor
 from pathlib import Path
+from typing import Any
 
 import torch
 
@@ -26,21 +27,49 @@ def build_student_learner(
     lane: Executor | None = None,
 ) -> RomGrl:
     """Wire agent, discriminator and replay buffer from the configuration; `lane` is a second thread for the agent."""
-    student, discriminator = config.student, config.discriminator
-    buffer = ReplayBuffer(
-        capacity=student.buffer_size,
-        num_envs=env.num_envs,
-        observation_size=len(env.columns),
-        action_size=env.model.nu,
-        window_size=layout.size,
-        seed=config.seed,
-        n_steps=student.n_steps,
-        device=config.device,
-        mirror_observation=env.mirror_observation if student.mirror else None,
-        mirror_action=env.mirror_action if student.mirror else None,
-        mirror_windows=layout.mirror() if student.mirror else None,
+    mirror = layout.mirror() if config.student.mirror else None
+    return RomGrl(
+        buffer=ReplayBuffer(window_size=layout.size, mirror_windows=mirror, **buffer_settings(config, env)),
+        sac=build_agent(config, env, lane),
+        discriminator=build_discriminator(config, layout, reference),
+        **learner_settings(config, env),
     )
-    sac = SAC(
+
+
+def buffer_settings(config: Config, env: PlanarHumanoidVectorEnv) -> dict[str, Any]:
+    """What a replay buffer is made with, whatever its windows are."""
+    student = config.student
+    return {
+        "capacity": student.buffer_size,
+        "num_envs": env.num_envs,
+        "observation_size": len(env.columns),
+        "action_size": env.model.nu,
+        "seed": config.seed,
+        "n_steps": student.n_steps,
+        "device": config.device,
+        "mirror_observation": env.mirror_observation if student.mirror else None,
+        "mirror_action": env.mirror_action if student.mirror else None,
+    }
+
+
+def learner_settings(config: Config, env: PlanarHumanoidVectorEnv) -> dict[str, Any]:
+    """What a learner is made with beside its agent, discriminator and replay buffer."""
+    student, discriminator = config.student, config.discriminator
+    return {
+        "normalizer": RunningNormalizer(len(env.columns), enabled=student.normalize_observation, device=config.device),
+        "eta": config.eta,
+        "batch_size": student.batch_size,
+        "discriminator_interval": discriminator.update_interval,
+        "discriminator_batch": discriminator.batch_size,
+        "discriminator_recent": discriminator.recent_steps,
+        "stored_reward": discriminator.reward == "stored",
+    }
+
+
+def build_agent(config: Config, env: PlanarHumanoidVectorEnv, lane: Executor | None) -> SAC:
+    """The agent, which sees what the environment shows."""
+    student = config.student
+    return SAC(
         observation_size=len(env.columns),
         action_size=env.model.nu,
         hidden_sizes=list(student.hidden_sizes),
@@ -62,18 +91,6 @@ def build_student_learner(
         seed=config.seed,
         device=config.device,
     )
-    return RomGrl(
-        sac=sac,
-        discriminator=build_discriminator(config, layout, reference),
-        buffer=buffer,
-        normalizer=RunningNormalizer(len(env.columns), enabled=student.normalize_observation, device=config.device),
-        eta=config.eta,
-        batch_size=student.batch_size,
-        discriminator_interval=discriminator.update_interval,
-        discriminator_batch=discriminator.batch_size,
-        discriminator_recent=discriminator.recent_steps,
-        stored_reward=discriminator.reward == "stored",
-    )
 
 
 def build_discriminator(config: Config, layout: WindowLayout, reference: Path | None) -> Discriminator | None:
@@ -91,23 +108,32 @@ def build_discriminator(config: Config, layout: WindowLayout, reference: Path | 
         mirror=config.student.mirror,
         seed=config.seed,
     )
+    weights = torch.from_numpy(layout.weights(discriminator.sole_weight))
     return Discriminator(
         reference=torch.from_numpy(real),
-        hidden_sizes=list(discriminator.hidden_sizes),
-        dropout=discriminator.dropout,
-        learning_rate=discriminator.learning_rate,
-        penalty_weight=discriminator.gradient_penalty,
-        label_smoothing=discriminator.label_smoothing,
-        noise=config.noise,
-        reward_limit=discriminator.reward_limit,
-        held_out=discriminator.held_out,
-        patience=discriminator.patience,
-        early_stop=discriminator.early_stop,
-        weights=torch.from_numpy(layout.weights(discriminator.sole_weight)),
         standardize=discriminator.standardize,
-        loss=discriminator.loss,
-        penalty_on=discriminator.penalty_on,
-        accuracy=discriminator.accuracy,
-        seed=config.seed,
-        device=config.device,
+        weights=weights,
+        **discriminator_settings(config),
     )
+
+
+def discriminator_settings(config: Config) -> dict[str, Any]:
+    """What a discriminator is made with, whatever it sees."""
+    discriminator = config.discriminator
+    return {
+        "hidden_sizes": list(discriminator.hidden_sizes),
+        "dropout": discriminator.dropout,
+        "learning_rate": discriminator.learning_rate,
+        "penalty_weight": discriminator.gradient_penalty,
+        "label_smoothing": discriminator.label_smoothing,
+        "noise": config.noise,
+        "reward_limit": discriminator.reward_limit,
+        "held_out": discriminator.held_out,
+        "patience": discriminator.patience,
+        "early_stop": discriminator.early_stop,
+        "loss": discriminator.loss,
+        "penalty_on": discriminator.penalty_on,
+        "accuracy": discriminator.accuracy,
+        "seed": config.seed,
+        "device": config.device,
+    }

@@ -1,0 +1,197 @@
+"""What a student that follows commands does at each cell of its library while it learns; the best policy is kept."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from torch import Tensor
+
+from romgrl.algorithms.rom_grl import RomGrl
+from romgrl.algorithms.sac import Mirrors
+from romgrl.config.schema import Config
+from romgrl.gait.alignment import error_over_variance
+from romgrl.gait.features import Gait
+from romgrl.gait.metrics import describe
+from romgrl.gait.recording import record
+from romgrl.humanoid.command_schedules import CommandTable
+from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
+from romgrl.runtime.stage_log import StageLog
+from romgrl.stages.conditioned.cells import CommandCells
+from romgrl.stages.training.budget import Budget
+from romgrl.stages.training.gait_check import FILE, LONGEST_WINDOW, averaged_policy, percent
+from romgrl.stages.wiring.humanoid import humanoid_env
+from romgrl.stages.wiring.seeds import CHECK_SEED
+
+EPISODES, STEPS = 4, 300
+"""Of each cell."""
+WORST = 0.2
+"""Share of the cells that a policy is judged by: those where it is worst."""
+LEAST_TOLERANCE, TOLERANCE = 0.1, 0.05
+"""A speed is right within so many m/s, or this share of it where that is more."""
+LOST = 10.0
+"""What a cell is short of at most for its speed and for its gait, and for falling."""
+
+
+@dataclass
+class GridChecks:
+    """Checks of the averaged policy at all cells every `interval` steps (0: none); the best one is kept.
+
+    A policy is judged by the mean shortfall of the worst fifth of the cells.
+    """
+
+    interval: int
+    config: Config
+    env: PlanarHumanoidVectorEnv | None
+    cells: CommandCells
+    imitates: bool
+    columns: Tensor
+    mirrors: Mirrors | None
+    output: Path
+    log: StageLog
+    rows: list[dict[str, Any]] = field(default_factory=list)
+    scores: list[float] = field(default_factory=list)
+    best: list[Tensor] = field(default_factory=list)
+    """Weights of the best policy, mean and scale of its observations; empty before the first check."""
+
+    @classmethod
+    def of(
+        cls,
+        config: Config,
+        cells: CommandCells,
+        columns: Tensor,
+        mirrors: Mirrors | None,
+        output: Path,
+        log: StageLog,
+    ) -> GridChecks:
+        """Those of a configuration: each cell EPISODES times in one environment."""
+        interval = config.student.check_steps
+        imitates = config.discriminator.enabled and config.eta < 1 and config.student.kept_policy != "task_reward"
+        env = None
+        if interval:
+            grid = grid_commands(cells)
+            count = EPISODES * len(cells.speed)
+            env = humanoid_env(config, num_envs=count, episode_steps=STEPS + 1, commands=grid)
+        return cls(interval, config, env, cells, imitates, columns, mirrors, output, log)
+
+    def check_if_due(self, step: int, learner: RomGrl, budget: Budget) -> None:
+        """Check the policy where `step` has reached a multiple of the interval without a check, and at the end."""
+        if self.env is None or (step // self.interval <= len(self.scores) and not budget.reached(step)):
+            return
+        policy, weights = averaged_policy(learner, self.columns, self.mirrors)
+        seed = self.config.seed + CHECK_SEED
+        gait = record(self.env, policy, steps=STEPS, seed=seed, dt=self.env.control_step)
+        rows = [self.measure(cell, episodes_of(gait, cell)) for cell in range(len(self.cells.speed))]
+        self.rows += [{"step": float(step)} | row for row in rows]
+        self.scores.append(worst_fifth([row["shortfall"] for row in rows]))
+        if self.kept == len(self.scores) - 1:
+            self.best = weights
+        pd.DataFrame([self.named(row) for row in self.rows]).to_csv(self.output / FILE, index=False)
+        told = grid_summary(rows)
+        self.log.message(f"grid at step {step:,}: {told}; worst fifth {self.scores[-1]:.2f}")
+
+    def measure(self, cell: int, gait: Gait) -> dict[str, float]:
+        """A row of checks.csv, of the episodes of a cell."""
+        speed, teacher = float(self.cells.speed[cell]), self.cells.teacher(cell)
+        found, taught = describe(gait, target_speed=speed), describe(teacher, target_speed=speed)
+        held = found["steady_speed_m_per_s"]
+        row = {
+            "cell": float(cell),
+            "taught": float(self.cells.taught[cell]),
+            "falls": found["falls"],
+            "steady_speed_m_per_s": held,
+            "speed_error_m_per_s": held - speed,
+            "cadence_error_percent": percent(found["stride_frequency_hz"], taught["stride_frequency_hz"]) - 100,
+        }
+        window = min(LONGEST_WINDOW, int(teacher.valid.sum(axis=1).min()))
+        error = float(error_over_variance(gait, teacher, window).mean())
+        row["error_over_variance"] = error
+        row["shortfall"] = shortfall(row, speed, imitates=self.imitates)
+        return {name: float(value) for name, value in row.items()}
+
+    def named(self, row: Mapping[str, float]) -> dict[str, Any]:
+        """A row as checks.csv has it: with the gait and the speed of its cell in the place of its number."""
+        cell = int(row["cell"])
+        asked = {"gait": self.cells.gaits[self.cells.gait[cell]], "speed_m_per_s": float(self.cells.speed[cell])}
+        return {"step": row["step"]} | asked | {name: row[name] for name in row if name not in ("step", "cell")}
+
+    @property
+    def kept(self) -> int:
+        """Number of the check whose policy is kept."""
+        last = self.config.student.kept_policy == "last"
+        return len(self.scores) - 1 if last else int(np.argmin(self.scores))
+
+    def keep_best(self, learner: RomGrl) -> tuple[Tensor, Tensor]:
+        """Give the averaged policy of the agent the best weights; mean and scale of its observations."""
+        if self.env is not None:
+            self.env.close()
+        if not self.best:
+            return learner.normalizer.mean_and_scale()
+        weights, mean, scale = self.best
+        learner.sac.average.flat.copy_(weights)
+        size = len(self.cells.speed)
+        rows = self.rows[self.kept * size : (self.kept + 1) * size]
+        self.log.message(f"kept the policy of step {rows[0]['step']:,.0f}: {grid_summary(rows)}")
+        return mean, scale
+
+    def state(self) -> dict[str, Any]:
+        """Everything that `restore` needs."""
+        rows = {"rows": [[*row.values()] for row in self.rows], "names": [*self.rows[0]] if self.rows else []}
+        best = dict(zip(("weights", "mean", "scale"), self.best, strict=True)) if self.best else {}
+        return rows | {"scores": [*self.scores]} | best
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Go on from a state."""
+        self.rows = [dict(zip(state["names"], map(float, row), strict=True)) for row in state["rows"]]
+        self.scores = [float(score) for score in state["scores"]]
+        self.best = [state[name] for name in ("weights", "mean", "scale")] if self.scores else []
+
+
+def grid_commands(cells: CommandCells) -> CommandTable:
+    """The command of each cell, held from the beginning to the end, EPISODES times in a row."""
+    weights = {
+        gait: np.repeat((cells.gait == number).astype(float), EPISODES) for number, gait in enumerate(cells.gaits)
+    }
+    return CommandTable.constant(np.repeat(cells.speed, EPISODES), weights)
+
+
+def episodes_of(gait: Gait, cell: int) -> Gait:
+    """The episodes of a cell."""
+    rows = slice(cell * EPISODES, (cell + 1) * EPISODES)
+    parts: dict[str, Any] = {name: value[rows] for name, value in vars(gait).items() if isinstance(value, np.ndarray)}
+    return replace(gait, **parts)
+
+
+def shortfall(row: Mapping[str, float], speed: float, *, imitates: bool) -> float:
+    """How far a policy is from its cell: 0 at the right speed in the reference's paths, and LOST for each it has none
+    of; falls count LOST times their share."""
+    tolerance = max(LEAST_TOLERANCE, TOLERANCE * speed)
+    parts = [abs(row["speed_error_m_per_s"]) / tolerance, row["error_over_variance"] if imitates else 0.0]
+    short: NDArray[np.float64] = np.minimum(np.nan_to_num(parts, nan=LOST), LOST)
+    return float(LOST * row["falls"] / EPISODES + short.sum())
+
+
+def worst_fifth(values: list[float]) -> float:
+    """Mean of the largest fifth, of one at least."""
+    worst = sorted(values, reverse=True)[: max(1, round(WORST * len(values)))]
+    return float(np.mean(worst))
+
+
+def right_speed(row: Mapping[str, float]) -> bool:
+    """Tell whether a walker of a row falls nowhere and holds its speed."""
+    speed = row["steady_speed_m_per_s"] - row["speed_error_m_per_s"]
+    return not row["falls"] and abs(row["speed_error_m_per_s"]) <= max(LEAST_TOLERANCE, TOLERANCE * speed)
+
+
+def grid_summary(rows: list[dict[str, Any]]) -> str:
+    """Of the rows of one check, in words."""
+    right = sum(map(right_speed, rows))
+    falls = sum(row["falls"] for row in rows)
+    errors = [row["error_over_variance"] for row in rows if np.isfinite(row["error_over_variance"])]
+    near = f", error over variance {np.median(errors):.2f} in the middle" if errors else ""
+    return f"speed held in {right} of {len(rows)} cells, {falls:.0f} of {EPISODES * len(rows)} episodes fall{near}"
