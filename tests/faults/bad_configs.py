@@ -290,6 +290,7 @@ MISFITS = (
     ("discriminator.gradient_penalty", "discriminator.loss=wasserstein discriminator.gradient_penalty=0"),
     ("discriminator.held_out", "discriminator.held_out=0.00001"),
     ("rom.reset_hip_angle", "rom.hip_angle_limit=0.2"),
+    ("rom.roll_over_radius", "rom.roll_over_radius=0.05"),
     ("rom.stiffness", "rom.substeps=1"),
     ("rom.mass", "rom.foot_mass=40"),
     ("rom.compression_limit", "rom.compression_limit=1 rom.extension_limit=1"),
