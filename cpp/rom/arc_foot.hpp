@@ -7,8 +7,8 @@
 // An impulse (T, N) at p does the work T v_x + N v_y in any motion of foot and hip. The leg has no mass between them, so
 // that by virtual work they get J^T (T, N):
 //   foot: (T, N) + C t,  hip: -C t,  C = a_t T + a_n N      (the moment about the leg's end, carried across the leg)
-// Both feet meet the trunk as it was before either: what one does to the other through it, some thousandths as the trunk
-// is so much heavier than a foot, comes in the next substep. Both engines use these functions.
+// Both feet meet the trunk as it was before either: what one does to the other through it, a share of at most about the
+// foot's mass over the trunk's, comes in the next substep. Both engines use these functions.
 #pragma once
 
 #include <cmath>
