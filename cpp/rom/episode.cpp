@@ -5,6 +5,7 @@
 #include <stdexcept>
 
 #include "common/counter_random.hpp"
+#include "rom/arc_foot.hpp"
 
 namespace romgrl {
 namespace {
@@ -15,11 +16,13 @@ constexpr std::uint64_t kApexDraws = std::uint64_t{1} << 32;
 constexpr std::uint64_t kBankDraws = 1ULL << 62;  // beyond those of any command
 constexpr double kLargestInteger = 9007199254740992.0;  // 2^53
 
-// A leg whose foot rests on the ground while the trunk moves.
+// A leg whose foot rests on the ground, or rolls on it, while the trunk moves: the velocity of its lowest point is 0.
 void stand(const Parameters& p, int leg, double angle, Pose& pose) {
+    const ArcFoot arc(p);
+    const double s = std::sin(angle), c = std::cos(angle), rolled = arc.rolls ? arc.radius : 0.0;
     pose.hip_angle[leg] = angle;
-    pose.leg_rate[leg] = pose.vy * std::cos(angle) - pose.vx * std::sin(angle);
-    pose.hip_rate[leg] = -(pose.vx * std::cos(angle) + pose.vy * std::sin(angle)) / p.leg_length;
+    pose.hip_rate[leg] = -(pose.vx * c + pose.vy * s) / (p.leg_length + rolled * c - arc.offset);
+    pose.leg_rate[leg] = pose.vy * c - pose.vx * s - rolled * s * pose.hip_rate[leg];
 }
 
 }  // namespace
@@ -62,7 +65,8 @@ void Episode::begin(const Parameters& p, double* state) {
     const double angle = p.reset_by_speed ? std::fmin(drawn * speed / usual, p.hip_angle_limit) : drawn;
     const int front = draw(2, 0.0, 1.0) < 0.5 ? 0 : 1;
     Pose pose;
-    pose.y = p.leg_length * std::cos(angle) + p.foot_radius - kTouch;
+    const ArcFoot arc(p);
+    pose.y = (p.leg_length - arc.offset) * std::cos(angle) + arc.radius - kTouch;
     pose.vx = speed * draw(1, p.reset_speed_low, p.reset_speed_high);
     pose.vy = -std::sqrt(2.0 * p.gravity * draw(3, p.reset_drop_low, p.reset_drop_high));
     pose.leg_length.fill(p.leg_length);

@@ -49,6 +49,12 @@ void require_leg_motor(const Parameters& p) {
     throw std::invalid_argument(text.str());
 }
 
+// The arc's centre is on the leg, even on the shortest one.
+void require_roll_over(const Parameters& p) {
+    if (p.roll_over_radius == 0.0) return;
+    in_range("roll_over_radius", p.roll_over_radius, p.foot_radius, p.foot_radius + p.compression_limit * p.leg_length);
+}
+
 void require_commands(const Parameters& p) {
     in_range("speed_high", p.speed_high, p.speed_low, 10.0);
     in_range("stiffness_share_high", p.stiffness_share_high, p.stiffness_share_low, 10.0);
@@ -72,6 +78,7 @@ void validate(const Parameters& p) {
 #undef ROW
     require(2.0 * p.foot_mass < p.mass, "mass must exceed the mass of both feet");
     require(p.compression_limit < p.extension_limit, "compression_limit must be below extension_limit");
+    require_roll_over(p);
     require_stable(p);
     require_leg_motor(p);
     require_commands(p);

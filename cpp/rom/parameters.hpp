@@ -14,6 +14,7 @@ constexpr double kUnlimited = std::numeric_limits<double>::infinity();
     ROW(double, foot_mass, 0.7, 1e-4, 1e5)                           \
     ROW(double, leg_length, 0.865, 0.05, 2.0)                        \
     ROW(double, foot_radius, 0.072, 1e-3, 1.0)                       \
+    ROW(double, roll_over_radius, 0.0, 0.0, 2.0)                     \
     ROW(double, stiffness, 24000.0, 1e-3, 1e9)                       \
     ROW(double, stance_damping, 30.0, 0.0, 1e7)                      \
     ROW(double, swing_damping, 140.0, 0.0, 1e7)                      \
@@ -74,7 +75,7 @@ constexpr double kUnlimited = std::numeric_limits<double>::infinity();
     ROW(double, reset_drop_high, 0.0)
 
 struct Parameters {
-    // trunk_moment_limit: infinity is none; torque_lag: 0 is none; trunk_pinned holds the trunk for tests of a single leg;
+    // trunk_moment_limit: infinity is none; torque_lag: 0 is none; roll_over_radius: 0 is a foot that does not roll; trunk_pinned holds the trunk for tests of a single leg;
     // speed, share of the stiffness and apex, the rise of a jump over a trunk that stands, m, are drawn for each episode
     // and anew after every command_steps (0: never)
 #define ROW(type, name, value, ...) type name = value;
@@ -91,6 +92,10 @@ constexpr double kLargestPosition = 1e3;  // m, rad; a state beyond these has di
 constexpr double kLargestVelocity = 200.0;  // m/s, rad/s
 constexpr double kShortestLever = 0.05;  // share of leg_length; keeps torque / length finite
 constexpr double kHipStopFrequency = 0.3;  // rad per substep
+// Box2D leaves some penetration and corrects a share of the rest.
+constexpr double kSlop = 0.005;  // m
+constexpr double kCorrection = 0.2;
+constexpr double kLargestCorrection = 0.2;  // m
 
 // Throws std::invalid_argument naming the first parameter that is not finite, out of range, or unstable to integrate.
 void validate(const Parameters& parameters);

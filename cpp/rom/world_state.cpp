@@ -5,6 +5,8 @@
 #include <stdexcept>
 #include <tuple>
 
+#include "rom/arc_foot.hpp"
+
 namespace romgrl {
 namespace {
 
@@ -43,6 +45,7 @@ void pose_state(const Parameters& parameters, const Pose& pose, double* state) {
         return std::make_tuple(pose.hip_angle[i], pose.hip_rate[i], pose.leg_length[i], pose.leg_rate[i]);
     };
     const int first = key(0) < key(1) ? 1 : 0;
+    const ArcFoot arc(parameters);
     for (int i = 0; i < kLegs; ++i) {
         const double angle = pose.hip_angle[i] - pose.pitch, length = pose.leg_length[i];
         const double across = length * (pose.hip_rate[i] - pose.pitch_rate);
@@ -55,7 +58,7 @@ void pose_state(const Parameters& parameters, const Pose& pose, double* state) {
         if (!(length > 0.0)) throw std::invalid_argument("the pose has a leg of no length");
         double* motion = state + kMotion + kLegMotion * i;
         motion[2] = std::fabs(angle);
-        motion[3] = static_cast<float>(foot[1]) > static_cast<float>(parameters.foot_radius) ? 1.0 : 0.0;
+        motion[3] = static_cast<float>(foot[1]) > static_cast<float>(arc.touch(-c)) ? 1.0 : 0.0;
         motion[4] = pose.extension[i];
         motion[5] = pose.extension_rate[i];
     }

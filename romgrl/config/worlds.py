@@ -31,6 +31,14 @@ class SpringLeg(Rom):
     """Reduced-order model: a trunk on two spring legs (paper section 3.2). None = taken from the humanoid."""
 
     foot_mass: float = key("mass of each foot", unit="kg", low=1e-4, high=1e5)
+    roll_over_radius: float = key(
+        "radius of the arc that a foot rolls on, rigid with the leg: at least foot_radius; 0: a circle of foot_radius "
+        "that sticks or slides and does not roll",
+        unit="m",
+        low=0,
+        high=2,
+        before=0,
+    )
     stiffness: float = key("leg spring", unit="N/m", low=0.001, high=1e9)
     stance_damping: float = key("leg damping while loaded", unit="N s/m", low=0, high=1e7)
     swing_damping: float = key("leg damping while unloaded", unit="N s/m", low=0, high=1e7)

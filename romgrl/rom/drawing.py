@@ -20,6 +20,8 @@ MOTOR_LENGTH = 0.4
 """Of a leg's motor as it is drawn, share of the leg length: its rod comes out of it as far as the rest length grows."""
 TRUNK = 0.12
 """Half of the trunk's side, m."""
+SOLE = 30.0
+"""Half of the arc that a foot rolls on as it is drawn, degrees: as far as a leg leans in a walk, and more."""
 Point = tuple[float, float]
 
 
@@ -51,6 +53,18 @@ def _draw_motor(canvas: ImageDraw.ImageDraw, hip: Point, foot: Point, length: fl
     return along(end)
 
 
+def _draw_sole(
+    canvas: ImageDraw.ImageDraw, hip: Point, foot: Point, radius: float, height: float, colour: tuple[int, int, int]
+) -> None:
+    """The arc that a foot rolls on, as far below the leg's end as it is high. Lengths in pixels."""
+    dx, dy = foot[0] - hip[0], foot[1] - hip[1]
+    whole = math.hypot(dx, dy) or 1.0
+    centre = foot[0] - (radius - height) / whole * dx, foot[1] - (radius - height) / whole * dy
+    box = (centre[0] - radius, centre[1] - radius, centre[0] + radius, centre[1] + radius)
+    down = math.degrees(math.atan2(dy, dx))
+    canvas.arc(box, down - SOLE, down + SOLE, fill=colour, width=10)
+
+
 def draw(
     features: ArrayLike,
     contact: ArrayLike,
@@ -79,16 +93,20 @@ def draw(
         mark = pixel(metre - x, 0.0)
         canvas.line((mark[0], mark[1], mark[0] - 12, mark[1] + 24), fill=_MARK, width=4)
     hip = pixel(0.0, values[0])
-    radius = parameters.foot_radius * scale
     for side in (1, 0):
+        radius = parameters.foot_radius * scale
         foot = pixel(values[1 + 2 * side], values[0] + values[2 + 2 * side])
         upper = hip
         if extension is not None:
             rod = float(np.asarray(extension)[side])
             upper = _draw_motor(canvas, hip, foot, scale * parameters.leg_length * MOTOR_LENGTH, scale * rod)
         canvas.line(_spring(upper, foot, 0.045 * scale), fill=_LEGS[side], width=6, joint="curve")
+        filled = _LEGS[side] if np.asarray(contact)[side] else _SKY
+        if parameters.roll_over_radius:
+            _draw_sole(canvas, hip, foot, scale * parameters.roll_over_radius, radius, _LEGS[side])
+            radius = 0.5 * parameters.foot_radius * scale  # the ankle, which is above the sole
         box = (foot[0] - radius, foot[1] - radius, foot[0] + radius, foot[1] + radius)
-        canvas.ellipse(box, fill=_LEGS[side] if np.asarray(contact)[side] else _SKY, outline=_LEGS[side], width=6)
+        canvas.ellipse(box, fill=filled, outline=_LEGS[side], width=6)
     half = TRUNK * scale
     canvas.rounded_rectangle((hip[0] - half, hip[1] - half, hip[0] + half, hip[1] + half), half / 3, fill=_TRUNK)
     image = image.resize((WIDTH, HEIGHT), Image.Resampling.BOX)

@@ -35,6 +35,7 @@ class SpringLegParameters:
     mass: float = _default("mass")
     leg_length: float = _default("leg_length")
     foot_radius: float = _default("foot_radius")
+    roll_over_radius: float = _default("roll_over_radius")
     foot_mass: float = _default("foot_mass")
     stiffness: float = _default("stiffness")
     stance_damping: float = _default("stance_damping")

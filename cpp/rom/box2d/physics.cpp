@@ -30,6 +30,16 @@ b2Body* add_body(b2World& world, bool pinned, bool fixed_rotation) {
     return world.CreateBody(&definition);
 }
 
+void add_circle(b2Body* foot, const Parameters& parameters) {
+    b2CircleShape circle;
+    circle.m_radius = static_cast<float>(parameters.foot_radius);
+    b2FixtureDef fixture;
+    fixture.shape = &circle;
+    fixture.friction = static_cast<float>(parameters.friction);
+    fixture.filter.groupIndex = -1;  // feet pass each other
+    foot->CreateFixture(&fixture);
+}
+
 void set_mass(b2Body* body, double mass, double inertia) {
     b2MassData data;
     data.mass = static_cast<float>(mass);
@@ -53,6 +63,7 @@ bool sane_body(const b2Body* body) {  // false for NaN
 Walker::Walker(const Parameters& parameters)
     : parameters_(parameters),
       motor_(parameters),
+      arc_(parameters),
       dt_(parameters.substep_time()),
       lag_gain_(parameters.torque_lag > 0.0 ? -std::expm1(-dt_ / parameters.torque_lag) : 1.0),
       world_(vector(0.0, -parameters.gravity)) {
@@ -65,13 +76,7 @@ Walker::Walker(const Parameters& parameters)
     set_mass(trunk_, parameters.mass - kLegs * parameters.foot_mass, parameters.trunk_inertia);
     for (int i = 0; i < kLegs; ++i) {
         feet_[i] = add_body(world_, false, true);
-        b2CircleShape circle;
-        circle.m_radius = static_cast<float>(parameters.foot_radius);
-        b2FixtureDef fixture;
-        fixture.shape = &circle;
-        fixture.friction = static_cast<float>(parameters.friction);
-        fixture.filter.groupIndex = -1;  // feet pass each other
-        feet_[i]->CreateFixture(&fixture);
+        if (!arc_.rolls) add_circle(feet_[i], parameters);
         set_mass(feet_[i], parameters.foot_mass, 0.0);
         b2DistanceJointDef joint;
         joint.bodyA = trunk_;
@@ -96,7 +101,7 @@ LegView Walker::leg(int side) const {
     const double lever = std::max(view.length, kShortestLever * parameters_.leg_length);
     view.angle_rate = (-view.along_y * v.x + view.along_x * v.y) / lever;
     view.height = body->GetPosition().y;
-    view.contact = body->GetPosition().y <= static_cast<float>(parameters_.foot_radius);
+    view.contact = body->GetPosition().y <= static_cast<float>(arc_.touch(view.along_y));
     return view;
 }
 
@@ -197,17 +202,51 @@ bool Walker::substep(const std::array<double, kLegs>& asked, const std::array<do
     for (int i = 0; i < kLegs; ++i) foot(i)->ApplyForceToCenter(vector(fx[i], fy[i]), true);
     trunk_->ApplyForceToCenter(vector(-(fx[0] + fx[1]), -(fy[0] + fy[1])), true);
     trunk_->ApplyTorque(static_cast<float>(-(torque[0] + torque[1])), true);
+    if (arc_.rolls) roll_feet(view, {vector(fx[0], fy[0]), vector(fx[1], fy[1])});
     for (b2DistanceJoint* stop : stops_) {  // setting a limit clears its impulse, which Box2D would carry over
         stop->SetMinLength(stop->GetMinLength());
         stop->SetMaxLength(stop->GetMaxLength());
     }
     const double turning = pitch_rate();
     world_.Step(static_cast<float>(dt_), parameters_.velocity_iterations, parameters_.position_iterations);
-    add_ground_force();
+    arc_.rolls ? lift_feet(view) : add_ground_force();
     if (!sane()) return false;
     add_hip_work(view, turning);
     recentre();
     return true;
+}
+
+// Box2D has no body that turns with a leg without mass: the ground's impulses on the feet are given before the step, to
+// bodies that have the velocities that the forces will give them. The length stops come after.
+void Walker::roll_feet(const std::array<LegView, kLegs>& view, const std::array<b2Vec2, kLegs>& force) {
+    const double trunk_mass = trunk_->GetMass(), pulled = trunk_mass > 0.0 ? dt_ / trunk_mass : 0.0;  // 0: held
+    const double fall = dt_ * parameters_.gravity;
+    const double trunk_vx = vx() - pulled * (force[0].x + force[1].x);
+    const double trunk_vy = vy() - pulled * (force[0].y + force[1].y) - (trunk_mass > 0.0 ? fall : 0.0);
+    for (int slot = 0; slot < kLegs; ++slot) {  // a mirrored world adds in the mirrored order
+        const int side = slot_[0] == slot ? 0 : 1;
+        const LegView& leg = view[side];
+        if (!leg.contact) continue;
+        const b2Vec2& v = foot(side)->GetLinearVelocity();
+        const double foot_vx = v.x + dt_ * force[side].x / parameters_.foot_mass;
+        const double foot_vy = v.y + dt_ * force[side].y / parameters_.foot_mass - fall;
+        const double across = leg.along_x * (foot_vy - trunk_vy) - leg.along_y * (foot_vx - trunk_vx);
+        const double lever = std::max(leg.length, kShortestLever * parameters_.leg_length);
+        const ArcImpulse given = arc_impulse(arc_, leg.along_x, leg.along_y, 1.0 / lever, true, foot_vx, foot_vy, across);
+        const double mass = parameters_.foot_mass, turning = mass * given.across;
+        foot(side)->ApplyLinearImpulseToCenter(
+            vector(mass * given.tangent - turning * leg.along_y, mass * given.normal + turning * leg.along_x), true);
+        trunk_->ApplyLinearImpulseToCenter(vector(turning * leg.along_y, -turning * leg.along_x), true);
+        ground_force_[side] += mass * given.normal / (dt_ * parameters_.substeps);
+    }
+}
+
+void Walker::lift_feet(const std::array<LegView, kLegs>& before) {
+    for (int i = 0; i < kLegs; ++i) {
+        const double up = lift(arc_.touch(before[i].along_y) - before[i].height);
+        const b2Vec2 p = foot(i)->GetPosition();
+        if (up > 0.0) foot(i)->SetTransform({p.x, static_cast<float>(p.y + up)}, 0.0F);
+    }
 }
 
 void Walker::add_ground_force() {

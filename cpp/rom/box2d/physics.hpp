@@ -10,6 +10,7 @@
 
 #include <box2d/box2d.h>
 
+#include "rom/arc_foot.hpp"
 #include "rom/leg_motor.hpp"
 #include "rom/work.hpp"
 #include "rom/world_state.hpp"
@@ -21,7 +22,7 @@ struct LegView {
     double angle, angle_rate;  // theta, in the world: rad, rad/s
     double along_x, along_y;  // unit vector from hip to foot; (-along_y, along_x) points to larger angles
     double height;  // foot centre above ground, m
-    bool contact;  // the foot circle touches the ground
+    bool contact;  // the foot's circle or arc touches the ground
 };
 
 class Walker {
@@ -75,6 +76,8 @@ class Walker {
     double stop_torque(const LegView& view) const;
     bool substep(const std::array<double, kLegs>& asked, const std::array<double, kLegs>& drive);
     void update_motor(int side, double drive, double axial);
+    void roll_feet(const std::array<LegView, kLegs>& view, const std::array<b2Vec2, kLegs>& force);
+    void lift_feet(const std::array<LegView, kLegs>& before);
     void add_ground_force();
     void add_hip_work(const std::array<LegView, kLegs>& before, double pitch_rate_before);
     void recentre();
@@ -82,6 +85,7 @@ class Walker {
 
     Parameters parameters_;
     LegMotor motor_;
+    ArcFoot arc_;
     double dt_, lag_gain_, stiffness_share_ = 1.0;
     b2World world_;
     b2Body* trunk_ = nullptr;

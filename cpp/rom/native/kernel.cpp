@@ -59,7 +59,7 @@ ROMGRL_INLINE Leg look(const NativeConstants& c, const Group& g, const Body& foo
     leg.rate = leg.along_x * vx + leg.along_y * vy;
     leg.angle = angle_of(-leg.along_y, leg.along_x);
     leg.angle_rate = (leg.along_x * vy - leg.along_y * vx) * leg.inverse_lever;
-    leg.contact = foot.y[n] <= c.foot_radius;
+    leg.contact = foot.y[n] <= c.arc.touch(leg.along_y);
     return leg;
 }
 
@@ -139,6 +139,31 @@ ROMGRL_INLINE bool move_foot(const NativeConstants& c, const Body& trunk, LegLan
     return (smaller(before, after) < c.shortest) | (larger(before, after) > c.longest);
 }
 
+// The same where feet roll: the trunk moves, too, so that the stops come after both feet. Each meets the trunk as it was
+// before both (what is missing comes in the next substep). Returns the change of the trunk's velocity against t.
+ROMGRL_INLINE double roll_foot(const NativeConstants& c, const Body& trunk, LegLanes& lanes, LegScratch& s, const Leg& leg,
+                             double fx, double fy, int n) {
+    const double vx = lanes.foot.vx[n] + c.dt * c.foot_inverse_mass * fx;
+    const double vy = lanes.foot.vy[n] + c.dt * c.foot_inverse_mass * fy - c.foot_fall;
+    const double across = leg.along_x * (vy - trunk.vy[n]) - leg.along_y * (vx - trunk.vx[n]);
+    const ArcImpulse given = arc_impulse(c.arc, leg.along_x, leg.along_y, leg.inverse_lever, leg.contact, vx, vy, across);
+    const double turn_x = -given.across * leg.along_y, turn_y = given.across * leg.along_x;
+    lanes.foot.vx[n] = vx + given.tangent + turn_x;
+    lanes.foot.vy[n] = vy + given.normal + turn_y;
+    lanes.ground_impulse[n] += given.normal;
+    s.along_x[n] = leg.along_x;
+    s.along_y[n] = leg.along_y;
+    s.length[n] = leg.length;
+    s.lift[n] = lift(c.arc.touch(leg.along_y) - lanes.foot.y[n]);
+    return c.arc.mass_ratio * given.across;
+}
+
+ROMGRL_INLINE bool passes_stop(const NativeConstants& c, const Body& trunk, const Body& foot, const Leg& leg, int n) {
+    const double rate = leg.along_x * (foot.vx[n] - trunk.vx[n]) + leg.along_y * (foot.vy[n] - trunk.vy[n]);
+    const double length = leg.length + c.dt * rate;
+    return (length < c.shortest) | (length > c.longest);
+}
+
 // See Walker::update_shortening: per stiffness.
 ROMGRL_INLINE double retraction_work(const Leg& leg, double rest, double shortened) {
     return -shortened * (rest - leg.length + 0.5 * shortened);
@@ -151,7 +176,7 @@ ROMGRL_INLINE double hip_work(const Group& g, const LegLanes& lanes, const Leg& 
     return lanes.hip_torque[n] * (rate + after);
 }
 
-template <bool kMotor>
+template <bool kMotor, bool kRolls>
 ROMGRL_INLINE void update_velocities(const NativeConstants& c, const Actuation& asked, Group& g, Scratch& s,
                                      WorkLanes& work, int n) {
     LegLanes &p = g.leg[0], &q = g.leg[1];
@@ -193,9 +218,17 @@ ROMGRL_INLINE void update_velocities(const NativeConstants& c, const Actuation& 
         update_motor(c, p, asked.drive[0][n], a_axial, work, n);
         update_motor(c, q, asked.drive[1][n], b_axial, work, n);
     }
-    const bool a_stop = move_foot(c, g.trunk, p, s.leg[0], a, a_fx, a_fy, n);
-    const bool b_stop = move_foot(c, g.trunk, q, s.leg[1], b, b_fx, b_fy, n);
-    s.stopped[n] = (a_stop | b_stop) ? 1.0 : 0.0;
+    if (kRolls) {
+        const double a_back = roll_foot(c, g.trunk, p, s.leg[0], a, a_fx, a_fy, n);
+        const double b_back = roll_foot(c, g.trunk, q, s.leg[1], b, b_fx, b_fy, n);
+        g.trunk.vx[n] += a_back * a.along_y + b_back * b.along_y;
+        g.trunk.vy[n] -= a_back * a.along_x + b_back * b.along_x;
+        s.stopped[n] = (passes_stop(c, g.trunk, p.foot, a, n) | passes_stop(c, g.trunk, q.foot, b, n)) ? 1.0 : 0.0;
+    } else {
+        const bool a_stop = move_foot(c, g.trunk, p, s.leg[0], a, a_fx, a_fy, n);
+        const bool b_stop = move_foot(c, g.trunk, q, s.leg[1], b, b_fx, b_fy, n);
+        s.stopped[n] = (a_stop | b_stop) ? 1.0 : 0.0;
+    }
 
     const double a_done = hip_work(g, p, a, a_rate, n), b_done = hip_work(g, q, b, b_rate, n);
     s.leg[0].hip_work[n] = a_done;
@@ -232,19 +265,29 @@ ROMGRL_INLINE bool move(const NativeConstants& c, const Body& trunk, Body& foot,
     const double y = foot.y[n] + c.dt * foot.vy[n];
     s.free_y[n] = y;
     const double below = c.foot_radius - y;
-    const double correction = clamped(kCorrection * (below - kSlop), 0.0, kLargestCorrection);
-    foot.y[n] = y + s.contact[n] * correction;
+    foot.y[n] = y + s.contact[n] * lift(below);
     const double dx = foot.x[n] - trunk.x[n], dy = foot.y[n] - trunk.y[n];
     const double square = dx * dx + dy * dy;
     return (s.contact[n] * below > 3.0 * kSlop) | (square < c.shortest * c.shortest) | (square > c.longest * c.longest);
 }
 
+// The same where feet roll, whose corrections come after the stops.
+ROMGRL_INLINE bool roll(const NativeConstants& c, const Body& trunk, Body& foot, LegScratch& s, int n) {
+    foot.x[n] += c.dt * foot.vx[n];
+    const double y = foot.y[n] + c.dt * foot.vy[n];
+    s.free_y[n] = y;
+    foot.y[n] = y + s.lift[n];
+    const double dx = foot.x[n] - trunk.x[n], dy = y - trunk.y[n], square = dx * dx + dy * dy;
+    return (square < c.shortest * c.shortest) | (square > c.longest * c.longest);
+}
+
+template <bool kRolls>
 ROMGRL_INLINE void update_positions(const NativeConstants& c, Group& g, Scratch& s, int n) {
     g.trunk.x[n] += c.dt * g.trunk.vx[n];
     g.trunk.y[n] += c.dt * g.trunk.vy[n];
     g.angle[n] += c.dt * g.rate[n];
-    const bool a_stop = move(c, g.trunk, g.leg[0].foot, s.leg[0], n);
-    const bool b_stop = move(c, g.trunk, g.leg[1].foot, s.leg[1], n);
+    const bool a_stop = kRolls ? roll(c, g.trunk, g.leg[0].foot, s.leg[0], n) : move(c, g.trunk, g.leg[0].foot, s.leg[0], n);
+    const bool b_stop = kRolls ? roll(c, g.trunk, g.leg[1].foot, s.leg[1], n) : move(c, g.trunk, g.leg[1].foot, s.leg[1], n);
     s.stopped[n] = (a_stop | b_stop) ? 1.0 : 0.0;
 }
 
@@ -264,16 +307,16 @@ ROMGRL_INLINE void recentre(Group& g) {
     }
 }
 
-template <bool kMotor>
+template <bool kMotor, bool kRolls>
 ROMGRL_INLINE void substeps(const NativeConstants& c, const Actuation& asked, Group& group, Scratch& scratch, WorkLanes& done) {
     for (int substep = 0; substep < c.substeps; ++substep) {
-        for (int n = 0; n < kLanes; ++n) update_velocities<kMotor>(c, asked, group, scratch, done, n);
+        for (int n = 0; n < kLanes; ++n) update_velocities<kMotor, kRolls>(c, asked, group, scratch, done, n);
         if (any(scratch.stopped)) {
             for (int n = 0; n < kLanes; ++n) {
                 if (scratch.stopped[n] > 0.0) stop(c, scratch, n, group, done);
             }
         }
-        for (int n = 0; n < kLanes; ++n) update_positions(c, group, scratch, n);
+        for (int n = 0; n < kLanes; ++n) update_positions<kRolls>(c, group, scratch, n);
         if (any(scratch.stopped)) {
             for (int n = 0; n < kLanes; ++n) {
                 if (scratch.stopped[n] > 0.0) solve_positions(c, scratch, n, group);
@@ -291,9 +334,11 @@ ROMGRL_CLONES void native_step(const NativeConstants& constants, const Actuation
     WorkLanes done{};
     group.leg[0].ground_impulse = group.leg[1].ground_impulse = Lanes{};
     if (c.has_motor) {
-        substeps<true>(c, asked, group, scratch, done);
+        c.arc.rolls ? substeps<true, true>(c, asked, group, scratch, done)
+                    : substeps<true, false>(c, asked, group, scratch, done);
     } else {
-        substeps<false>(c, asked, group, scratch, done);
+        c.arc.rolls ? substeps<false, true>(c, asked, group, scratch, done)
+                    : substeps<false, false>(c, asked, group, scratch, done);
     }
     recentre(group);
     for (int n = 0; n < kLanes; ++n) {

@@ -2,8 +2,10 @@
 //
 // A foot is a point mass above a fixed flat ground, so that contact with friction has a closed form. The length stops of
 // the legs and deep penetration couple the bodies; the few worlds where they are in play go through Box2D's iterations.
+// Where feet roll, their contact comes before the stops, in both engines.
 #pragma once
 
+#include "rom/arc_foot.hpp"
 #include "rom/leg_motor.hpp"
 #include "rom/parameters.hpp"
 #include "rom/world_state.hpp"
@@ -11,11 +13,6 @@
 namespace romgrl {
 
 constexpr int kLanes = 16;
-
-// Box2D leaves some penetration and corrects a share of the rest.
-constexpr double kSlop = 0.005;  // m
-constexpr double kCorrection = 0.2;
-constexpr double kLargestCorrection = 0.2;  // m
 
 struct alignas(64) Lanes {
     double at[kLanes];
@@ -49,6 +46,7 @@ struct LegScratch {
     Lanes free_vx, free_vy;  // of the foot after the forces, before contact
     Lanes free_y;  // of the foot before the correction of its position
     Lanes contact;  // 1: touched the ground at the start of the substep
+    Lanes lift;  // of a foot that rolls, for how deep it was then, m
     Lanes hip_work;  // without the stops: J per half a substep's time
 };
 
@@ -61,6 +59,7 @@ struct NativeConstants {
     explicit NativeConstants(const Parameters& parameters);
 
     double dt, lag_gain, leg_length, foot_radius, inverse_shortest_lever;
+    ArcFoot arc;
     double stiffness, stance_damping, swing_damping;
     double retraction, retraction_change;  // m; per substep
     double hip_angle_limit, stop_stiffness, stop_damping;  // of the hip stops, per m^2 of leg length

@@ -20,6 +20,7 @@ NativeConstants::NativeConstants(const Parameters& p)
       leg_length(p.leg_length),
       foot_radius(p.foot_radius),
       inverse_shortest_lever(1.0 / (kShortestLever * p.leg_length)),
+      arc(p),
       stiffness(p.stiffness),
       stance_damping(p.stance_damping),
       swing_damping(p.swing_damping),

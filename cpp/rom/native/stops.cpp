@@ -1,4 +1,5 @@
-// Box2D's sequential impulses for one lane of the native engine: the length stops of both legs and both contacts.
+// Box2D's sequential impulses for one lane of the native engine: the length stops of both legs and both contacts. Those of
+// feet that roll are solved before.
 #include <algorithm>
 #include <cmath>
 
@@ -9,7 +10,7 @@ namespace romgrl {
 void solve_velocities(const NativeConstants& c, const Scratch& s, int n, Group& g) {
     double lower[kLegs]{}, upper[kLegs]{}, normal[kLegs]{}, tangent[kLegs]{};
     Body& trunk = g.trunk;
-    for (int i = 0; i < kLegs; ++i) {
+    for (int i = 0; i < kLegs && !c.arc.rolls; ++i) {
         g.leg[i].foot.vx[n] = s.leg[i].free_vx[n];
         g.leg[i].foot.vy[n] = s.leg[i].free_vy[n];
         if (s.leg[i].contact[n] > 0.0) g.leg[i].ground_impulse[n] -= std::max(-s.leg[i].free_vy[n], 0.0);
@@ -37,7 +38,7 @@ void solve_velocities(const NativeConstants& c, const Scratch& s, int n, Group& 
             upper[i] = std::max(upper[i] - mass * (reach - rate()), 0.0);
             push(old_upper - upper[i]);
         }
-        for (int i = 0; i < kLegs; ++i) {
+        for (int i = 0; i < kLegs && !c.arc.rolls; ++i) {
             if (s.leg[i].contact[n] == 0.0) continue;
             Body& foot = g.leg[i].foot;
             const double grip = c.friction * normal[i];
@@ -56,12 +57,12 @@ void solve_positions(const NativeConstants& c, const Scratch& s, int n, Group& g
     for (int i = 0; i < kLegs; ++i) g.leg[i].foot.y[n] = s.leg[i].free_y[n];
     for (int iteration = 0; iteration < c.position_iterations; ++iteration) {
         bool done = true;
-        for (int i = 0; i < kLegs; ++i) {
+        for (int i = 0; i < kLegs && !c.arc.rolls; ++i) {
             if (s.leg[i].contact[n] == 0.0) continue;
             double& y = g.leg[i].foot.y[n];
             const double below = c.foot_radius - y;
             done &= below <= 3.0 * kSlop;
-            y += std::clamp(kCorrection * (below - kSlop), 0.0, kLargestCorrection);
+            y += lift(below);
         }
         for (int i = kLegs - 1; i >= 0; --i) {
             Body& foot = g.leg[i].foot;
@@ -76,8 +77,9 @@ void solve_positions(const NativeConstants& c, const Scratch& s, int n, Group& g
             g.trunk.y[n] -= c.trunk_inverse_mass * impulse * dy;
             done &= std::fabs(error) < kSlop;
         }
-        if (done) return;
+        if (done) break;
     }
+    for (int i = 0; i < kLegs && c.arc.rolls; ++i) g.leg[i].foot.y[n] += s.leg[i].lift[n];
 }
 
 }  // namespace romgrl
