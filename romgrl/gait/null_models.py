@@ -2,7 +2,8 @@
 
 statue     the mean pose of the reference, without a motion
 sinusoid   each channel a cosine: the reference's mean, amplitude and phase at its cadence, at twice that for the
-           pelvis; the right foot is the left one half a stride later
+           pelvis of a gait whose feet take turns; the right foot is the left one half a stride later there, with it
+           in a hop, and as much later as it is in other gaits
 stretched  the reference played faster or slower, at another cadence
 """
 
@@ -14,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from romgrl.gait.features import ALIGNMENTS, BODY_Y, CHANNELS, LEFT_X, LEFT_Z, RIGHT_X, RIGHT_Z, Floats
+from romgrl.gait.footfall import ALTERNATING
 from romgrl.gait.periodicity import frequency
 
 SCORED = ("teacher", "other_teacher", "stretched", "student", "sinusoid", "statue", "baseline")  # in this order
@@ -21,7 +23,9 @@ NULL_COLUMNS = ("walker", "measure", "channel", "value")  # of null_models.csv
 OVER_VARIANCE = "error_over_variance"
 REDUCTIONS = {alignment: f"{alignment}_reduction_percent" for alignment in ALIGNMENTS}
 AVERAGE, MEAN_ERROR = "average", "mean_error"  # mean of the channels' reductions, reduction of the channels' mean error
-SINES_PER_STRIDE = np.array([2 if channel == BODY_Y else 1 for channel in range(len(CHANNELS))])
+ONCE = np.ones(len(CHANNELS), int)
+TWICE = np.where(np.arange(len(CHANNELS)) == BODY_Y, 2, ONCE)
+"""Cosines per stride of each channel: of a gait whose body rises once in a stride, and of one whose feet take turns."""
 
 
 @dataclass(frozen=True)
@@ -34,14 +38,15 @@ class NullModel:
 
 @dataclass(frozen=True)
 class FirstHarmonic:
-    """x[c] = mean[c] + Re(amplitude[c] exp(i SINES_PER_STRIDE[c] phase)), mean (5,) m, amplitude (5,) complex, m."""
+    """x[c] = mean[c] + Re(amplitude[c] exp(i sines[c] phase)), mean (5,) m, amplitude (5,) complex, m."""
 
     mean: Floats
     amplitude: NDArray[np.complexfloating]
+    sines: NDArray[np.int_]
 
     def at(self, phase: Floats) -> Floats:
         """Features (T, 5) at phases (T,) of the stride, rad."""
-        turned = np.exp(1j * phase[:, None] * SINES_PER_STRIDE)
+        turned = np.exp(1j * phase[:, None] * self.sines)
         return np.asarray(self.mean + (self.amplitude * turned).real)
 
 
@@ -76,19 +81,35 @@ def sinusoids(reference: list[Floats], dt: float, cadence: float, steps: int) ->
 def first_harmonic(reference: list[Floats], dt: float) -> FirstHarmonic:
     """The least-squares fit to each episode at its own cadence, mean over episodes in phase with the feet's x.
 
-    The feet are made one: half of left minus right, which is what they share half a stride apart.
+    The feet are made one: the right foot is the left one turned by `foot_turn`.
     """
+    cadences = [frequency(episode[:, [LEFT_X, RIGHT_X]], dt) for episode in reference]
+    phases = [
+        (episode, 2 * np.pi * cadence * dt * np.arange(len(episode)))
+        for episode, cadence in zip(reference, cadences, strict=True)
+        if cadence > 0
+    ]
+    turn = foot_turn([_fitted(episode, phase, ONCE)[1] for episode, phase in phases])
+    sines = TWICE if turn == -1 else ONCE
     means, amplitudes = [], []
-    for episode in reference:
-        cadence = frequency(episode[:, [LEFT_X, RIGHT_X]], dt)
-        if cadence > 0:
-            mean, amplitude = _fitted(episode, 2 * np.pi * cadence * dt * np.arange(len(episode)))
-            for left, right in ((LEFT_X, RIGHT_X), (LEFT_Z, RIGHT_Z)):
-                amplitude[left] = 0.5 * (amplitude[left] - amplitude[right])
-                amplitude[right] = -amplitude[left]
-            means.append(mean)
-            amplitudes.append(amplitude * np.exp(-1j * np.angle(amplitude[LEFT_X]) * SINES_PER_STRIDE))
-    return FirstHarmonic(np.mean(means, axis=0), np.mean(amplitudes, axis=0))
+    for episode, phase in phases:
+        mean, amplitude = _fitted(episode, phase, sines)
+        for left, right in ((LEFT_X, RIGHT_X), (LEFT_Z, RIGHT_Z)):
+            amplitude[left] = 0.5 * (amplitude[left] + amplitude[right] * np.conj(turn))
+            amplitude[right] = amplitude[left] * turn
+        means.append(mean)
+        amplitudes.append(amplitude * np.exp(-1j * np.angle(amplitude[LEFT_X]) * sines))
+    return FirstHarmonic(np.mean(means, axis=0), np.mean(amplitudes, axis=0), sines)
+
+
+def foot_turn(amplitudes: list[NDArray[np.complexfloating]]) -> complex:
+    """How far the right foot's x is turned from the left one's, of size 1; amplitudes: (5,) of each episode.
+
+    -1, half a stride, where the feet take turns, and 1 where they go together.
+    """
+    turn = sum(each[RIGHT_X] * np.conj(each[LEFT_X]) for each in amplitudes)
+    turn = complex(turn / abs(turn)) if turn else -1.0
+    return -1.0 if turn.real < ALTERNATING else 1.0 if turn.real > -ALTERNATING else turn
 
 
 def stretched(episode: Floats, factor: float) -> Floats:
@@ -98,10 +119,10 @@ def stretched(episode: Floats, factor: float) -> Floats:
     return np.stack([np.interp(at, steps, channel) for channel in episode.T], axis=1)
 
 
-def _fitted(episode: Floats, phase: Floats) -> tuple[Floats, NDArray[np.complexfloating]]:
+def _fitted(episode: Floats, phase: Floats, cosines: NDArray[np.int_]) -> tuple[Floats, NDArray[np.complexfloating]]:
     """Mean (5,) and complex amplitude (5,) of the cosines that fit an episode (T, 5) best; phase (T,) rad."""
     mean, amplitude = np.zeros(len(CHANNELS)), np.zeros(len(CHANNELS), complex)
-    for channel, sines in enumerate(SINES_PER_STRIDE):
+    for channel, sines in enumerate(cosines):
         basis = np.stack((np.ones_like(phase), np.cos(sines * phase), -np.sin(sines * phase)), axis=1)
         mean[channel], real, imaginary = np.linalg.lstsq(basis, episode[:, channel], rcond=None)[0]
         amplitude[channel] = real + 1j * imaginary

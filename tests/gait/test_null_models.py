@@ -103,6 +103,17 @@ def test_a_reference_of_cosines_is_its_own_sinusoid() -> None:
     np.testing.assert_allclose(wave.mean, MEANS, atol=1e-3)
 
 
+@pytest.mark.parametrize("later", [0.0, 0.3])
+def test_hops_and_skips_of_cosines_are_their_own_sinusoid(later: float) -> None:
+    """The body rises once in a stride, and the right foot follows the left one by less than half of it."""
+    time = DT * np.arange(10 * STRIDE)
+    phase = 2 * np.pi * (CADENCE * time[:, None] - np.array([0.2, 0.0, 0.1, later, 0.1 + later]))
+    reference = [
+        np.roll(MEANS + np.array([0.1, 0.3, 0.1, 0.3, 0.1]) * np.cos(phase), start, axis=0) for start in (0, 7)
+    ]
+    assert scores(reference)["sinusoid", OVER_VARIANCE].max() == pytest.approx(0.0, abs=1e-3)
+
+
 def test_the_feet_of_a_sinusoid_are_in_antiphase() -> None:
     """Also where those of the reference are not; the episodes begin evenly spread over the stride."""
     limp = [np.column_stack((each[:, :3], np.roll(each[:, 3:], 3, axis=0))) for each in episodes()]
