@@ -38,6 +38,8 @@ OTHER_SETTINGS = (
     "paper_discriminator",
     "humenv",
     "experiment_paper",
+    "variable_running",
+    "hopping",
 )  # sweeps of students that are not the default's, by their names in sweeps/
 OTHER_NUMBERS = (
     "student/error_over_variance",
