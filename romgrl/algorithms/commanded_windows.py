@@ -84,7 +84,7 @@ class CellWindows:
         rows = list(zip(commands, splits, strict=True))
         self.real = torch.cat([each[:split] for each, split in rows])
         self.validation = torch.cat([each[split:] for each, split in rows])
-        self.learned = torch.cat([each[: len(each) - split] for each, split in rows])
+        self.learned = torch.cat([each[: min(split, len(each) - split)] for each, split in rows])
         self.real_cell = cells.repeat_interleave(torch.tensor(splits, device=device))
         held = torch.tensor([len(each) - split for each, split in parts], device=device)
         self.validation_cell = cells.repeat_interleave(held)

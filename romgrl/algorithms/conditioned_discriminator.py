@@ -16,9 +16,9 @@ class ConditionedDiscriminator(Discriminator):
     """As `Discriminator`, of commanded windows (B, W + K + 1), see `romgrl.algorithms.commanded_windows`.
 
     Real are windows of the cell nearest to what was asked, with the command of that cell, so that both streams are
-    asked for the same; fake are the student's with the command that it acted on and, as a share `mismatched` of them,
-    windows of the reference of a cell at least `distance` m/s away from the command, or of another gait. ValueError
-    where a cell has none.
+    asked for the same but for half the distance of two cells; fake are the student's with the command that it acted on
+    and, as a share `mismatched` of them, windows of the reference of a cell at least `distance` m/s away from the
+    command, or of another gait. ValueError where a cell has none.
     """
 
     def __init__(

@@ -1,12 +1,15 @@
-"""What a student that follows commands does not go with: stages that know one speed, and what follows its checks."""
+"""What a student that follows commands does not go with: stages of one speed, and libraries that cannot teach it."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 
-from romgrl.config.commanded import is_conditioned
+from romgrl.cli.other_libraries import OTHER_LIBRARIES_KEYS
+from romgrl.config.commanded import USUAL_STIFFNESS, conditioned_keys, is_conditioned, is_taught, needs_library
 from romgrl.config.schema import Config
 from romgrl.config.values import refusal, show, value_of
+from romgrl.errors import RomgrlError
 
 FOLLOWED = ("teacher", "reference", "library", "student", "baseline", "sync")
 """The values of `stage` that a conditioned student has; its evaluation over the grid of commands will be one more."""
@@ -19,6 +22,15 @@ OF_ONE_SPEED = {
     "discriminator.reward": "recomputed",
 }
 CONDITIONED_KEYS = ("student.kind", "stage", "discriminator.loss", *OF_ONE_SPEED)
+TAUGHT_KEYS = (
+    *OTHER_LIBRARIES_KEYS,
+    "student.kind",
+    "student.taught_step",
+    "student.mismatched_share",
+    "student.mismatch_distance",
+    "discriminator.enabled",
+    "eta",
+)
 
 
 def conditioned_student(config: Config) -> Iterator[str]:
@@ -33,3 +45,42 @@ def conditioned_student(config: Config) -> Iterator[str]:
             yield refusal(key, value_of(config, key), f"{show(needed)} {where}")
     if config.discriminator.loss == "wasserstein":
         yield refusal("discriminator.loss", "wasserstein", f"bce or least_squares {where}: each command has its level")
+
+
+def taught_by_library(config: Config) -> Iterator[str]:
+    """The library that a student is to be taught by has cells enough, before any of them is made."""
+    if not is_conditioned(config) or not needs_library(config):
+        return
+    try:
+        usual = usual_cells(config)
+    except (RomgrlError, OSError):  # `other_libraries` says so
+        return
+    student = conditioned_keys(config.student)
+    taught = [(gait, speed) for gait, speed in usual if is_taught(speed, student.taught_step)]
+    if len(usual) < 2 and config.teacher.speeds is None:
+        yield refusal("teacher.speeds", None, "a range, or library.others, with student.kind=conditioned")
+    elif not usual:
+        shares = config.library.stiffness_shares
+        yield refusal("library.stiffness_shares", shares, "with 1 among them, with student.kind=conditioned")
+    elif not taught:
+        speeds = ", ".join(f"{speed:g}" for _, speed in usual)
+        yield refusal("student.taught_step", student.taught_step, f"a step with multiples among {speeds} m/s")
+    elif config.stage == "student" and config.discriminator.enabled and config.eta < 1 and student.mismatched_share:
+        reach = min(max(10.0 if a != b else abs(v - w) for b, w in taught) for a, v in taught)
+        if reach < student.mismatch_distance - 1e-6:
+            permitted = f"at most {reach:g} m/s, how far each cell of the library has another; or mismatched_share 0"
+            yield refusal("student.mismatch_distance", student.mismatch_distance, permitted)
+
+
+def usual_cells(config: Config) -> list[tuple[str, float]]:
+    """Gaits and speeds, m/s, that a library has on legs of the usual stiffness, whether fit or not where they are not
+    made yet. Raises ArtifactError for other libraries that are none."""
+    from romgrl.provenance.library_grid import library_cells
+    from romgrl.report.finished_library import asked_cell, cells_of, read_library
+
+    teachers = [at.teacher for at in library_cells(config)]
+    cells = [asked_cell(at.gait, at.speed, at.apex, at.stiffness_share) for at in teachers]
+    for place in config.library.others or ():
+        library = read_library(Path(place), steps=config.reference.steps, dt=1.0 / config.humanoid.control_frequency)
+        cells += cells_of(library.table[library.table.fit])
+    return [(cell.gait, cell.speed) for cell in cells if cell.share == USUAL_STIFFNESS and not cell.apex]

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from romgrl.cli.teacher_ranges import RANGES
+from romgrl.config.commanded import needs_library
 from romgrl.config.schema import Config
 from romgrl.config.values import refusal, schema_keys
 from romgrl.errors import RomgrlError
@@ -13,6 +14,7 @@ from romgrl.errors import RomgrlError
 OTHERS_KEY = "library.others"
 OTHER_LIBRARIES_KEYS = (
     "stage",
+    "student.kind",
     "reference.steps",
     "humanoid.control_frequency",
     *(key for key in schema_keys() if key.startswith("library.")),
@@ -24,7 +26,7 @@ OTHER_LIBRARIES_KEYS = (
 
 def other_libraries(config: Config) -> Iterator[str]:
     """The others are finished, whole, of the same steps, and have cells of their own."""
-    if config.stage != "library" or config.library.others is None:
+    if config.library.others is None or not needs_library(config):
         return
     from romgrl.provenance.library_grid import library_cells
     from romgrl.report.finished_library import asked_cell, cells_of, read_library

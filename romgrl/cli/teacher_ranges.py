@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from romgrl.cli.reduced_order_models import ROM_KEYS, composed_parameters
+from romgrl.config.commanded import needs_library
 from romgrl.config.schema import Config
 from romgrl.config.teachers import COMMANDS
 from romgrl.config.values import refusal, show, value_of
@@ -42,7 +43,7 @@ def commands_within_range(config: Config) -> Iterator[str]:
 def library_within_range(config: Config) -> Iterator[str]:
     """A library asks a teacher for what it has learned."""
     learned, shares = config.teacher.stiffness_shares, config.library.stiffness_shares
-    if config.stage == "library" and learned is not None and not learned[0] <= min(shares) <= max(shares) <= learned[1]:
+    if needs_library(config) and learned is not None and not learned[0] <= min(shares) <= max(shares) <= learned[1]:
         yield refusal("library.stiffness_shares", shares, f"within teacher.stiffness_shares = {show(learned)}")
 
 
@@ -50,7 +51,7 @@ def size_of_library(config: Config) -> Iterator[str]:
     """The cells of a library can be made."""
     for step, of in STEPS.items():
         ends, value = value_of(config, of), value_of(config, step)
-        if config.stage == "library" and ends is not None and not (ends[1] - ends[0]) / LARGEST_LIBRARY <= value:
+        if needs_library(config) and ends is not None and not (ends[1] - ends[0]) / LARGEST_LIBRARY <= value:
             yield refusal(step, value, f"at least {(ends[1] - ends[0]) / LARGEST_LIBRARY:g} with {of} = {show(ends)}")
 
 
@@ -120,11 +121,11 @@ def stiffest_legs(config: Config) -> Iterator[str]:
 RANGE_CHECKS = (
     ((*RANGES, *RANGES.values()), asked_within_range),
     (("teacher.command_steps", "teacher.speeds", "teacher.stiffness_shares"), commands_within_range),
-    (("stage", "library.stiffness_shares", "teacher.stiffness_shares"), library_within_range),
+    (("stage", "student.kind", "library.stiffness_shares", "teacher.stiffness_shares"), library_within_range),
     (("rom.model", *OF_MOTORS, *OF_COMMANDS), of_model),
     (("teacher.algorithm", "rom.model", *OF_SEARCH), of_search),
     (("stage", "teacher.gait", "teacher.algorithm", "teacher.speed", "teacher.speeds", *OF_OTHERS), of_jumps),
-    (("stage", *STEPS, *STEPS.values()), size_of_library),
+    (("stage", "student.kind", *STEPS, *STEPS.values()), size_of_library),
     (("teacher.pretrained", *RANGES.values()), trained_ranges),
     ((*ROM_KEYS, "teacher.stiffness_share", "teacher.stiffness_shares"), stiffest_legs),
 )

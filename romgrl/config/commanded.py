@@ -12,6 +12,10 @@ if TYPE_CHECKING:
     from romgrl.config.schema import Config
 
 CONDITIONED = "conditioned"
+USUAL_STIFFNESS = 1.0
+"""Share of a leg's stiffness at which a cell of a library is taught."""
+MULTIPLE_SLACK = 1e-6
+"""Of a speed, in steps, by which it may miss a multiple."""
 
 
 @dataclass
@@ -76,3 +80,13 @@ def conditioned_keys(student: Student) -> ConditionedStudent:
     """The keys of a student that follows commands, as those that are asked for them do."""
     assert isinstance(student, ConditionedStudent)
     return student
+
+
+def needs_library(config: Config) -> bool:
+    """Tell whether the stage that is asked for is a library, or reads one."""
+    return config.stage == "library" or (is_conditioned(config) and config.stage in ("student", "baseline"))
+
+
+def is_taught(speed: float, step: float | None) -> bool:
+    """Tell whether a speed is a multiple of `student.taught_step`, m/s."""
+    return step is None or abs(speed / step - round(speed / step)) <= MULTIPLE_SLACK

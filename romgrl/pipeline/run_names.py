@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from romgrl.artifacts import Manifest
+from romgrl.config.commanded import is_conditioned
 from romgrl.config.schema import Config
 from romgrl.config.values import value_of
 from romgrl.provenance.stage_graph import KNOBS, STAGES, upstream_of
@@ -19,9 +20,14 @@ Overrides = Sequence[str]
 
 
 def stage_title(stage: str, config: Config, overrides: Overrides) -> str:
-    """`student v=4 eta=0.5 noise=0.05 s=0`, and what else was chosen that the stage depends on."""
-    roots = {key for name in upstream_of(stage) | {stage} for key in STAGES[name].depends}
-    knobs = STAGES[stage].knobs
+    """`student v=4 eta=0.5 noise=0.05 s=0`, and what else was chosen that the stage depends on.
+
+    What follows commands has no speed in its title.
+    """
+    follows, knobs = is_conditioned(config), dict(STAGES[stage].knobs)
+    if follows and STAGES[stage].conditioned is not None:
+        del knobs["speed"]
+    roots = {key for name in upstream_of(stage, conditioned=follows) | {stage} for key in STAGES[name].depends}
     chosen = {
         key: value
         for key, value in settings(overrides).items()

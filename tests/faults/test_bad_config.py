@@ -27,7 +27,19 @@ from romgrl.humanoid.own_body import human_spec
 from romgrl.rom import _core
 from romgrl.rom.parameters import VariableLegParameters, core_parameters
 from tests.conftest import Composer
-from tests.faults.bad_configs import ALLOWED, FILES, HEAD, MISFITS, OF_HYDRA, SPECIAL, Case, case, from_schema, typos
+from tests.faults.bad_configs import (
+    ALLOWED,
+    FILES,
+    HEAD,
+    MISFITS,
+    OF_HYDRA,
+    SPECIAL,
+    TAUGHT,
+    Case,
+    case,
+    from_schema,
+    typos,
+)
 from tests.helpers.jobs import ROOT
 from tests.helpers.limits import PATIENCE
 
@@ -149,7 +161,7 @@ def good_values(config: Config, seed: int) -> Iterator[list[str]]:
         if key.endswith(".pretrained"):
             yield [key.replace(".", "=")]  # the preset: it needs more than this key
         elif key == "student.kind":
-            yield ["student=conditioned", "stage=student"]  # which no evaluation knows yet
+            yield ["student=conditioned", *TAUGHT]  # which no evaluation knows yet
         elif any(key == kind_key(group) for group in fields(Config)):
             yield [f"{key.partition('.')[0]}={draw.choice(list(entry.metadata['choices']))}"]  # likewise
         elif kind.item == "bool":

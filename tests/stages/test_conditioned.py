@@ -15,6 +15,7 @@ from romgrl.algorithms.conditioned_rom_grl import CommandedBuffer
 from romgrl.algorithms.relabelling import Relabelling
 from romgrl.algorithms.sac import load_sac_policy
 from romgrl.cli.conditioned_students import conditioned_student
+from romgrl.cli.consistency import misfits
 from romgrl.config.commanded import conditioned_keys
 from romgrl.config.values import value_of
 from romgrl.errors import ArtifactError
@@ -248,6 +249,25 @@ def test_what_knows_one_speed_refuses_it_in_one_line(override: str, compose_conf
     assert line.startswith(f"{key}: {value} is not allowed; allowed: ")
     assert "with student.kind=conditioned" in line
     assert not [*conditioned_student(compose_config(override))]
+
+
+@pytest.mark.parametrize(
+    ("key", "overrides"),
+    [
+        ("teacher.speeds", "student=conditioned stage=baseline"),
+        ("library.others", "experiment=every_gait library.others=[/no/such/place]"),
+        ("library.stiffness_shares", "experiment=every_speed library.stiffness_shares=[0.7,1.2]"),
+        ("library.speed_step", "experiment=every_speed library.speed_step=1e-9"),
+        ("student.taught_step", "experiment=every_speed student.taught_step=9"),
+        ("student.mismatch_distance", "experiment=every_speed student.mismatch_distance=2"),
+    ],
+)
+def test_a_library_that_cannot_teach_is_refused_before_it_is_made(
+    key: str, overrides: str, compose_config: Composer
+) -> None:
+    (line,) = misfits(compose_config(*overrides.split()))
+    assert line.startswith(f"{key}: ")
+    assert "is not allowed; allowed: " in line
 
 
 def test_a_conditioned_student_reads_the_library_and_has_a_key_of_its_own(compose_config: Composer) -> None:

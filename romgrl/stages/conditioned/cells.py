@@ -12,16 +12,12 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from romgrl.config.commanded import conditioned_keys
+from romgrl.config.commanded import USUAL_STIFFNESS, conditioned_keys, is_taught
 from romgrl.config.schema import Config
 from romgrl.errors import ArtifactError
 from romgrl.gait.features import Gait, episode_bounds, gait_from_reference
 from romgrl.humanoid.cell_states import CellStates
 from romgrl.report.finished_library import read_library
-
-USUAL_STIFFNESS = 1.0
-MULTIPLE_SLACK = 1e-6
-"""Of a speed, in steps, by which it may miss a multiple."""
 
 
 @dataclass(frozen=True)
@@ -85,8 +81,7 @@ def read_command_cells(directory: Path, config: Config, *, span: int) -> Command
     usual = table.fit & (table.stiffness_share == USUAL_STIFFNESS) & (table.apex_m == 0)
     rows = table[usual].sort_values(["gait", "speed_m_per_s"])
     speeds = rows.speed_m_per_s.to_numpy(float)
-    places = np.zeros(len(rows)) if step is None else speeds / step
-    taught = np.abs(places - np.round(places)) <= MULTIPLE_SLACK
+    taught = np.array([is_taught(speed, step) for speed in speeds], bool)
     gaits = tuple(sorted({*rows.gait[taught]}))
     if not gaits:
         at = "" if step is None else f" at multiples of {step:g} m/s"

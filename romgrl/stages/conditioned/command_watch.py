@@ -52,7 +52,7 @@ class CommandWatch:
         self.bands = [
             (gait, low)
             for gait, ends in enumerate(cells.ranges)
-            for low in np.arange(np.floor(ends[0]), ends[1], SPEED_BAND).tolist()
+            for low in np.arange(np.floor(ends[0]), max(ends[1], np.floor(ends[0]) + SPEED_BAND), SPEED_BAND).tolist()
         ]
         self._rows: list[list[dict[str, float]]] = [[] for _ in self.bands]
 
