@@ -34,6 +34,7 @@ FREE = {
     "parallel_stages",
     "stage",
     "experiment",
+    "student.kind",  # in the key where it is not one_speed, which has none of it
     "comparison",
     "objective",
     *NAME_KEYS,
