@@ -24,7 +24,7 @@ from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 from romgrl.runtime.stage_log import StageLog
 from romgrl.stages.conditioned.cells import CommandCells
 from romgrl.stages.training.budget import Budget
-from romgrl.stages.training.gait_check import FILE, LONGEST_WINDOW, averaged_policy, percent
+from romgrl.stages.training.gait_check import FILE, LONGEST_WINDOW, averaged_policy, give_best, percent
 from romgrl.stages.wiring.humanoid import humanoid_env
 from romgrl.stages.wiring.seeds import CHECK_SEED
 
@@ -128,16 +128,11 @@ class GridChecks:
 
     def keep_best(self, learner: RomGrl) -> tuple[Tensor, Tensor]:
         """Give the averaged policy of the agent the best weights; mean and scale of its observations."""
-        if self.env is not None:
-            self.env.close()
-        if not self.best:
-            return learner.normalizer.mean_and_scale()
-        weights, mean, scale = self.best
-        learner.sac.average.flat.copy_(weights)
-        size = len(self.cells.speed)
-        rows = self.rows[self.kept * size : (self.kept + 1) * size]
-        self.log.message(f"kept the policy of step {rows[0]['step']:,.0f}: {grid_summary(rows)}")
-        return mean, scale
+        if self.best:
+            size = len(self.cells.speed)
+            rows = self.rows[self.kept * size : (self.kept + 1) * size]
+            self.log.message(f"kept the policy of step {rows[0]['step']:,.0f}: {grid_summary(rows)}")
+        return give_best(self.best, self.env, learner)
 
     def state(self) -> dict[str, Any]:
         """Everything that `restore` needs."""

@@ -195,18 +195,13 @@ class GaitChecks:
 
     def keep_best(self, learner: RomGrl) -> tuple[Tensor, Tensor]:
         """Give the averaged policy of the agent the best weights; mean and scale of its observations."""
-        if self.env is not None:
-            self.env.close()
-        if not self.best:
-            return learner.normalizer.mean_and_scale()
-        weights, mean, scale = self.best
-        learner.sac.average.flat.copy_(weights)
-        best = self.kept
-        told = f"falls in {best['falls']:.0f} of {EPISODES} episodes, {best['steady_speed_m_per_s']:.2f} m/s"
-        if self.teacher is not None:
-            told += f", error over variance {best['error_over_variance']:.2f}"
-        self.log.message(f"kept the policy of step {best['step']:,.0f}: {told}")
-        return mean, scale
+        if self.best:
+            best = self.kept
+            told = f"falls in {best['falls']:.0f} of {EPISODES} episodes, {best['steady_speed_m_per_s']:.2f} m/s"
+            if self.teacher is not None:
+                told += f", error over variance {best['error_over_variance']:.2f}"
+            self.log.message(f"kept the policy of step {best['step']:,.0f}: {told}")
+        return give_best(self.best, self.env, learner)
 
     def state(self) -> dict[str, Any]:
         """Everything that `restore` needs."""
@@ -228,6 +223,20 @@ def averaged_policy(learner: RomGrl, columns: Tensor, mirrors: Mirrors | None) -
     network.flat.copy_(learner.sac.average.flat)
     policy = SACPolicy(network, columns, *(part.cpu() for part in moments), mirrors=mirrors)
     return policy, [network.flat, *moments]
+
+
+def give_best(best: list[Tensor], env: PlanarHumanoidVectorEnv | None, learner: RomGrl) -> tuple[Tensor, Tensor]:
+    """End the checks in `env`: the averaged policy gets the best weights; mean and scale of its observations.
+
+    best: weights, mean and scale; empty where nothing was checked, which changes no weight.
+    """
+    if env is not None:
+        env.close()
+    if not best:
+        return learner.normalizer.mean_and_scale()
+    weights, mean, scale = best
+    learner.sac.average.flat.copy_(weights)
+    return mean, scale
 
 
 def percent(value: float, of: float) -> float:
