@@ -263,7 +263,7 @@ MISFITS = (
     ("teacher.speed", "stage=teacher teacher=jumping teacher.speed=1"),
     ("teacher.speeds", "stage=library teacher=jumping teacher.speeds=[0,1]"),
     ("library.apex_step", "stage=library teacher=jumping library.apex_step=1e-9"),
-    ("library.speed_step", "stage=library teacher=hopping library.speed_step=1e-320"),
+    ("library.speed_step", "stage=library teacher=hopping library.speed_step=1e-300"),
     ("teacher.apex", "stage=teacher teacher=jumping teacher.apexes=null teacher.apex=0"),
     ("teacher.apexes", "stage=teacher teacher=jumping teacher.apexes=[0,0.5]"),
     ("teacher.gait", "stage=teacher rom=variable_leg teacher.gait=jump teacher.apex=0.3"),
