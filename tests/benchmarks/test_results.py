@@ -89,6 +89,7 @@ def test_unknown_row_is_one_line(capsys: pytest.CaptureFixture[str], monkeypatch
     assert capsys.readouterr().err.splitlines() == ["no row nonsense; python -m benchmarks --list names them"]
 
 
+@pytest.mark.slow
 def test_a_row_that_fails_says_so_and_does_not_stop_the_rest(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

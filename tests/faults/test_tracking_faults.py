@@ -36,7 +36,8 @@ def test_away_at_the_start_and_back(
     check(told, server, request)
 
 
-@pytest.mark.parametrize("mode", ["refuse", pytest.param("hang", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("mode", ["refuse", "hang"])
 def test_away_in_the_middle_and_back(
     told: Told, proxy: Proxy, server: Server, request: pytest.FixtureRequest, mode: str
 ) -> None:

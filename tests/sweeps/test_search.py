@@ -49,6 +49,7 @@ def test_a_search_goes_on_where_it_stopped(command: Command, tmp_path: Path) -> 
     assert (outputs / "optuna.db").exists()
 
 
+@pytest.mark.slow
 def test_a_search_whose_trainings_diverge_goes_on_and_says_so(command: Command, tmp_path: Path) -> None:
     result = command(*SEARCH[:-1], "hydra.sweeper.n_trials=1", FAKE_FAULT="student:diverge")
     assert result.returncode == 4
