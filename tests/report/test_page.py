@@ -80,6 +80,12 @@ def test_phase_is_linear_between_landings() -> None:
     assert np.isnan(strides.phases(4, [3], 0)).all()
 
 
+def test_strides_that_are_unlike_have_no_average(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The usual one is between them, and neither is near it."""
+    monkeypatch.setattr(strides, "landings", lambda *_: [0, 10, 80])
+    assert strides.stride_average(gait(episodes=1)) is None
+
+
 def test_average_of_equal_strides_is_the_stride() -> None:
     walker = gait(episodes=1)
     average = strides.stride_average(walker)

@@ -54,17 +54,15 @@ def phases(steps: int, starts: list[int], offset: int) -> Floats:
 
 
 def stride_average(gait: Gait) -> StrideAverage | None:
-    """Over the strides of all episodes once they are steady; None where there is no whole stride."""
+    """Over the strides of all episodes once they are steady; None where no whole stride is like others."""
     valid, feet = steady_steps(gait.valid, gait.dt), contacts(gait)
     curves = []
     for episode in range(len(valid)):
         features, contact = gait.features[episode, valid[episode]], feet[episode, valid[episode], 0]
         curves += _strides(features, landings(features, contact, gait.dt))
-    if not curves:
-        return None
-    usual = float(np.median([length for length, _ in curves]))
-    kept = np.array([curve for length, curve in curves if USUAL[0] * usual <= length <= USUAL[1] * usual])
-    return StrideAverage(kept.mean(axis=0), kept.std(axis=0), len(kept))
+    usual = float(np.median([length for length, _ in curves])) if curves else 0.0
+    kept = [curve for length, curve in curves if USUAL[0] * usual <= length <= USUAL[1] * usual]
+    return StrideAverage(np.mean(kept, axis=0), np.std(kept, axis=0), len(kept)) if kept else None
 
 
 def _strides(features: Floats, starts: list[int]) -> list[tuple[int, Floats]]:
