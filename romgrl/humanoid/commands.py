@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -202,9 +203,9 @@ class Commanded:
 
     _commands: CurrentCommands
 
+    @abstractmethod
     def _observe(self) -> tuple[Float32, Array]:
         """What is seen now, and the posture."""
-        raise NotImplementedError
 
     def command(
         self,
