@@ -121,7 +121,8 @@ def infer_contact(features: Floats, velocity: Floats, dt: float, valid: Bools | 
     """Feet on the ground, guessed from motion alone: the ankle is low and nearly still over the ground.
 
     Low: within 6 cm of the 2nd percentile of that ankle's height; still: |v + d x_foot / dt| below 0.3 m/s or 40% of
-    the mean speed. For walkers that record no contact forces. Shape of the result: (E, T, 2), left and right.
+    the mean speed. For walkers that record no contact forces. Shape of the result: (E, T, 2), left and right. A stance
+    that was seen in one step alone lasts two, since a foot that is nearly still once does not scuff (`touchdowns`).
     """
     contact = np.zeros((*features.shape[:2], 2), bool)
     limit = max(0.3, 0.4 * abs(np.nan_to_num(_masked_mean(velocity, valid))))
@@ -131,9 +132,10 @@ def infer_contact(features: Floats, velocity: Floats, dt: float, valid: Bools | 
         for foot, (x, z) in enumerate(((LEFT_X, LEFT_Z), (RIGHT_X, RIGHT_Z))):
             height = episode[:, BODY_Y] + episode[:, z]
             sliding = velocity[index, : len(episode)] + np.gradient(episode[:, x], dt)
-            contact[index, : len(episode), foot] = (height < np.percentile(height, 2) + 0.06) & (
-                np.abs(sliding) < limit
-            )
+            still = (height < np.percentile(height, 2) + 0.06) & (np.abs(sliding) < limit)
+            alone = still[1:-1] & ~still[:-2] & ~still[2:]
+            still[2:] |= alone
+            contact[index, : len(episode), foot] = still
     return contact
 
 

@@ -74,6 +74,13 @@ def test_a_bounced_landing_begins_no_stride() -> None:
     assert strides.landings(np.zeros((200, 5)), contact, DT) == []
 
 
+def test_a_guessed_contact_of_one_step_begins_a_stride() -> None:
+    walker = gait(episodes=8, noise=0.01, contact=False)
+    for features, feet in zip(walker.features, strides.contacts(walker), strict=True):
+        lengths = np.diff(strides.landings(features, feet[:, 0], DT))
+        assert lengths == pytest.approx(20, abs=6)
+
+
 def test_phase_is_linear_between_landings() -> None:
     phase = strides.phases(6, [3, 7], offset=2)
     np.testing.assert_allclose(phase, [np.nan, 0.0, 0.25, 0.5, 0.75, 0.0])
