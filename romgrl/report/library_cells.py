@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import product
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -56,7 +57,8 @@ def goal_label(table: pd.DataFrame) -> str:
 class CellLine:
     """Cells of one stiffness, and of one gait where a library has several, by goal. rows: of library.csv.
 
-    gait: "" where there is one alone; color and dash: the numbers of the stiffness and of the gait.
+    gait: "" where there is one alone. color and dash: the numbers of the gait and of the stiffness, and where there is
+    one gait alone of the stiffness and 0.
     """
 
     share: float
@@ -73,15 +75,22 @@ class CellLine:
 
 def cell_lines(table: pd.DataFrame) -> list[CellLine]:
     """The lines of library.csv: one for each stiffness and gait that it has."""
-    gaits = table.gait.to_numpy()
-    several = np.unique(gaits).tolist()
+    gaits, shares = np.unique(table.gait).tolist(), np.unique(table.stiffness_share).tolist()
     found = []
-    for color, share in enumerate(np.unique(table.stiffness_share).tolist()):
-        for dash, gait in enumerate(several):
-            rows = table[(table.stiffness_share == share) & (gaits == gait)].sort_values(["speed_m_per_s", "apex_m"])
-            if len(rows):
-                found.append(CellLine(share, gait if len(several) > 1 else "", color, dash, rows))
+    for (stiffness, share), (number, gait) in product(enumerate(shares), enumerate(gaits)):
+        rows = table[(table.stiffness_share == share) & (table.gait == gait)]
+        rows = rows.sort_values(["speed_m_per_s", "apex_m"])
+        seen = (number, stiffness) if len(gaits) > 1 else (stiffness, 0)
+        if len(rows):
+            found.append(CellLine(share, gait if len(gaits) > 1 else "", *seen, rows))
     return found
+
+
+def drawn_cells(table: pd.DataFrame, measure: str) -> pd.DataFrame:
+    """The rows of library.csv among which a measure is compared: jumps are not with what goes at a speed."""
+    jumps = table.apex_m > 0
+    kept = jumps if measure == "jump_apex_m" else ~jumps
+    return table[kept] if kept.any() else table
 
 
 def band_curve(measure: str, table: pd.DataFrame) -> tuple[Floats, Floats, Floats]:

@@ -136,9 +136,9 @@ def test_lines_are_of_gaits_and_stiffnesses(tmp_path: Path) -> None:
         (gait, share) for share in (0.7, 1.4) for gait in ("run", "walk")
     ]
     assert sorted(cell for line in lines for cell in line["cells"]) == list(range(12))
-    assert lines[0]["color"] == lines[1]["color"] != lines[2]["color"]
+    assert lines[0]["color"] == lines[2]["color"] != lines[1]["color"] == lines[3]["color"]
     dashes = [trace["line"]["dash"] for trace in charts_of(data)["atlas-falls"]["figure"]["data"]]
-    assert dashes == ["solid", "dash", "solid", "dash"]
+    assert dashes == ["solid", "solid", "dash", "dash"]
     assert '<select id="gait"><option>run</option><option>walk</option></select>' in text
     one, _ = written(tmp_path, table.assign(gait="run"), arrays)
     assert 'id="gait"' not in one
@@ -221,4 +221,8 @@ def test_jumps_stand_at_their_apexes(tmp_path: Path) -> None:
         {name: np.concatenate([each, each]) for name, each in arrays.items() if each.ndim} | {"dt": arrays["dt"]},
     )
     assert "Asked for: 2 to 4 m/s and 0.1 to 0.3 m" in text
-    assert gait_atlas(both).axes[0].get_xlabel() == "asked for [m/s, of jumps m]"
+    titled = {axes.get_title(loc="left"): axes for axes in gait_atlas(both).axes}
+    apexes, falls = titled["apex of jumps [m]"], titled["falls"]
+    assert (apexes.get_xlabel(), falls.get_xlabel()) == ("apex asked for [m]", "speed asked for [m/s]")
+    assert max(falls.get_lines()[0].get_xdata()) == 4.0
+    assert max(apexes.get_lines()[0].get_xdata()) == 0.3

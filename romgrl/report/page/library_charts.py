@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from romgrl.report.gait_atlas import STIFFNESS_COLORS
+from romgrl.report.gait_atlas import CELL_COLORS
 from romgrl.report.library_cells import ASKED, MEASURED_CELLS, CellLine, band_curve, goal_label, goal_text, goals
 from romgrl.report.numbers import significant
 from romgrl.report.page.charts import LEGS, Chart, contact_spans, empty_figure, listed
 from romgrl.report.page.stretches import Stretch
 from romgrl.report.page.training_charts import GREY
 
-GAIT_DASHES = ("solid", "dash", "dot", "dashdot")
+CELL_DASHES = ("solid", "dash", "dot", "dashdot")
 BAND_FILL = "rgba(128,128,128,0.28)"
 HOVER_WIDTH = 48  # letters
 ROW_HEIGHT, AXIS_HEIGHT, LEAST_HEIGHT = 30, 60, 160  # pixels
@@ -26,8 +26,8 @@ FOOT_WIDTH = 0.34
 
 
 def line_color(line: CellLine) -> str:
-    """The color of a stiffness, the same in every chart."""
-    return STIFFNESS_COLORS[line.color % len(STIFFNESS_COLORS)]
+    """The color of a line, the same in every chart."""
+    return CELL_COLORS[line.color % len(CELL_COLORS)]
 
 
 def atlas_charts(table: pd.DataFrame, lines: Sequence[CellLine], said: Sequence[str]) -> list[Chart]:
@@ -82,7 +82,7 @@ def add_cells(figure: Any, line: CellLine, measure: str, said: Sequence[str]) ->
         y=listed(values),
         mode="lines+markers",
         name=line.label,
-        line={"color": color, "width": 1.6, "dash": GAIT_DASHES[line.dash % len(GAIT_DASHES)]},
+        line={"color": color, "width": 1.6, "dash": CELL_DASHES[line.dash % len(CELL_DASHES)]},
         marker={"size": 8, "symbol": ["circle" if fit else "circle-open" for fit in line.rows.fit]},
         customdata=cells,
         hovertext=texts,
