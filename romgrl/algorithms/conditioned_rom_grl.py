@@ -14,6 +14,9 @@ from romgrl.algorithms.relabelling import Relabelling
 from romgrl.algorithms.replay_buffer import Batch, ReplayBuffer, mirror_half
 from romgrl.algorithms.rom_grl import RomGrl
 
+CANDIDATES = 8
+"""Windows drawn for each that the discriminator gets: what is asked of all that are stored takes long to count."""
+
 
 class CommandedBuffer(ReplayBuffer):
     """A replay buffer of commanded windows, see `romgrl.algorithms.commanded_windows`.
@@ -31,15 +34,16 @@ class CommandedBuffer(ReplayBuffer):
         rows = min(self.added, self.rows)
         if recent is not None:
             rows = min(rows, max(1, recent // self.num_envs))
-        index = torch.arange(self.added - rows, self.added, device=self.windows.device) % self.rows
-        asked = self.windows[..., self.columns.commands].index_select(0, index).flatten(0, 1)
+        spread = CANDIDATES * size
+        place = torch.randint(rows * self.num_envs, (spread,), generator=self.generator, device=self.windows.device)
+        place = (place + (self.added - rows) % self.rows * self.num_envs) % (self.rows * self.num_envs)
+        asked = self.windows.flatten(0, 1)[:, self.columns.commands].index_select(0, place)
         gait = asked[:, 1:-1].argmax(1)
         weight = (asked[:, 0] >= self.slowest[gait] - SPEED_SLACK).float()
         if self.stratify:
             weight = weight / torch.bincount(gait, weight, self.columns.gaits).clamp(min=1.0)[gait]
         weight += torch.finfo(weight.dtype).tiny  # where all stand, any of them
-        drawn = torch.multinomial(weight, size, replacement=True, generator=self.generator)
-        place = index[drawn // self.num_envs] * self.num_envs + drawn % self.num_envs
+        place = place[torch.multinomial(weight, size, replacement=True, generator=self.generator)]
         windows = self.windows.flatten(0, 1).index_select(0, place)
         mirror_half(windows, self.mirrors[2])
         return windows
