@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import torch
@@ -53,12 +53,19 @@ class CommandedBuffer(ReplayBuffer):
 class ConditionedRomGrl(RomGrl):
     """As `RomGrl`, of transitions whose command may be exchanged when they are drawn.
 
-    A command without a reference, to stand, is paid for its speed alone.
+    The weight of the task is `etas` (C,) at the C cells that are taught, and straight in speed between them; `eta` is
+    their mean. A command without a reference, to stand, is paid for its speed alone.
     """
 
     relabelling: Relabelling
     cells: CellWindows | None
     """None without a discriminator."""
+    etas: Tensor = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Begin with the same weight at all cells."""
+        count = 1 if self.cells is None else len(self.cells.gait)
+        self.etas = torch.full((count,), self.eta, device=self.buffer.windows.device)
 
     def draw(self, size: int) -> Batch:
         """So many transitions, a share of them with other commands."""
@@ -70,13 +77,16 @@ class ConditionedRomGrl(RomGrl):
         """Eta of the steps of a batch (B, n); 1 of those that are to stand."""
         if self.cells is None:
             return self.eta
-        return torch.where(self.cells.taught(batch.windows), self.eta, 1.0)
+        low, high, share = self.cells.between(batch.windows)
+        eta = torch.lerp(self.etas[low], self.etas[high], share)
+        return torch.where(self.cells.taught(batch.windows), eta, 1.0)
 
     def state(self) -> dict[str, Any]:
         """Everything that `restore` needs, but the rows of the buffer."""
-        return super().state() | {"relabelling": self.relabelling.state()}
+        return super().state() | {"relabelling": self.relabelling.state(), "etas": self.etas}
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Go on from a state."""
         super().restore(state)
         self.relabelling.restore(state["relabelling"])
+        self.etas.copy_(state["etas"])
