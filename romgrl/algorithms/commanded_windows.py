@@ -16,6 +16,8 @@ FAR_KEY = 1000.0
 """m/s between the sorted cells of two gaits: more than any speed."""
 LEAST_DEVIATION = 1e-3
 """Of a column of the reference: what hardly changes is not blown up."""
+VALIDATED = 1024
+"""Windows of all cells together that validate, about so many: it is done at every update."""
 SPEED_SLACK = 1e-4
 """m/s by which a command may be below the slowest cell and still be taught."""
 
@@ -83,10 +85,11 @@ class CellWindows:
         commands = [self._beside(each.to(device), cell) for each, cell in zip(windows, cells, strict=True)]
         rows = list(zip(commands, splits, strict=True))
         self.real = torch.cat([each[:split] for each, split in rows])
-        self.validation = torch.cat([each[split:] for each, split in rows])
-        self.learned = torch.cat([each[: min(split, len(each) - split)] for each, split in rows])
+        step = max(1, sum(len(each) - split for each, split in parts) // VALIDATED)
+        self.validation = torch.cat([each[split::step] for each, split in rows])
+        self.learned = torch.cat([each[: min(split, len(each) - split) : step] for each, split in rows])
         self.real_cell = cells.repeat_interleave(torch.tensor(splits, device=device))
-        held = torch.tensor([len(each) - split for each, split in parts], device=device)
+        held = torch.tensor([len(each[split::step]) for each, split in parts], device=device)
         self.validation_cell = cells.repeat_interleave(held)
         self._count = torch.tensor(splits, device=device)
         self._start = self._count.cumsum(0) - self._count
@@ -140,6 +143,20 @@ class CellWindows:
         """Commanded windows (B, W + K + 1) to learn from, each of its cell."""
         place = torch.rand(len(cell), generator=generator, device=cell.device) * self._count[cell]
         return self.real[self._start[cell] + place.long().minimum(self._count[cell] - 1)]
+
+    def draw_at(self, rows: Tensor, generator: torch.Generator) -> Tensor:
+        """Windows of the reference at the commands of commanded windows (B, W + K + 1), beside these commands.
+
+        Each is of the cell below or above, as likely as it is near, in whose deviations from the mean it is what it is
+        at the command: D would learn which speeds the cells have if these stood beside the real ones alone.
+        """
+        low, high, share = self.between(rows)
+        chance = torch.rand(len(rows), generator=generator, device=rows.device)
+        cell = torch.where(chance < share, high, low)
+        drawn, (mean, deviation), size = self.draw(cell, generator), self.moments(rows), self.columns.window
+        drawn[:, :size] = torch.addcmul(mean, drawn[:, :size] - self.mean[cell], deviation / self.deviation[cell])
+        drawn[:, self.columns.commands] = rows[:, self.columns.commands]
+        return drawn
 
     def far(self, distance: float) -> Tensor:
         """Which cells (C, C) are far from each: at least `distance` m/s apart, or of another gait."""

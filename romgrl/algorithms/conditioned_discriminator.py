@@ -15,10 +15,9 @@ from romgrl.algorithms.discriminator import Discriminator
 class ConditionedDiscriminator(Discriminator):
     """As `Discriminator`, of commanded windows (B, W + K + 1), see `romgrl.algorithms.commanded_windows`.
 
-    Real are windows of the cell nearest to what was asked, with the command of that cell, so that both streams are
-    asked for the same but for half the distance of two cells; fake are the student's with the command that it acted on
-    and, as a share `mismatched` of them, windows of the reference of a cell at least `distance` m/s away from the
-    command, or of another gait. ValueError where a cell has none.
+    Fake are the student's windows with the command that it acted on and, as a share `mismatched` of them, windows of
+    the reference of a cell at least `distance` m/s away from the command, or of another gait; real are those of the
+    reference at the same commands, so that no command tells the streams apart. ValueError where a cell has no other.
     """
 
     def __init__(
@@ -60,15 +59,15 @@ class ConditionedDiscriminator(Discriminator):
         return mean, self.weights / deviation
 
     def _streams(self, windows: Tensor) -> tuple[Tensor, Tensor]:
-        """Each real window stands beside the command, to the nearest cell, of the fake one in its row."""
+        """Each real window stands beside the command of the fake one in its row."""
         cells = self.cells
-        asked = cells.nearest(windows)
-        real, count = cells.draw(asked, self.generator), round(self.mismatched * len(windows))
+        real, count = cells.draw_at(windows, self.generator), round(self.mismatched * len(windows))
         if count == 0:
             return real, windows
-        other = torch.multinomial(self.far[asked[:count]], 1, generator=self.generator).squeeze(1)
+        asked = windows[:count]
+        other = torch.multinomial(self.far[cells.nearest(asked)], 1, generator=self.generator).squeeze(1)
         wrong = cells.draw(other, self.generator)
-        wrong[:, self.columns.commands] = cells.command(asked[:count])
+        wrong[:, self.columns.commands] = asked[:, self.columns.commands]
         return real, torch.cat((wrong, windows[count:]))
 
     def _perturb(self, windows: Tensor) -> Tensor:

@@ -15,7 +15,6 @@ FOLLOWED = ("teacher", "reference", "library", "student", "baseline", "sync")
 """The values of `stage` that a conditioned student has; its evaluation over the grid of commands will be one more."""
 OF_ONE_SPEED = {
     "student.pretrained": False,
-    "student.adapt_eta": False,
     "student.end_early": False,
     "student.second_try": False,
     "discriminator.imitated": "teacher",

@@ -88,7 +88,7 @@ class Student:
     adapt_eta: bool = key(
         "true: from a third of the steps on eta follows the checks of a student that stays upright: up where it is too "
         "slow, or speed and cadence are off together; down where the cadence or a speed that is too high is off alone; "
-        "not below a value that rises to 0.5"
+        "not below a value that rises to 0.5; each cell for itself where the student follows commands"
     )
     second_try: bool = key(
         "true: a student that has passed no check, and from 0.6 of its steps on falls in most episodes, or has another "

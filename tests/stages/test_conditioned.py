@@ -209,6 +209,7 @@ def test_a_resumed_training_ends_with_the_same_files(
     assert (len(table), table.step.unique().tolist()) == (10, [800, 1600])
     assert load_sac_policy(tmp_path / "whole" / "policy.safetensors").names[-1] == "command.style"
     assert {"imitation_reward/run_3_4", "discriminator_feature_gap/walk_1_2"} <= {*log.rows[-1][1]}
+    assert [message for message in log.messages if message.startswith("weight of the speed from")]
     recorder.again()
     recorder.cut = 1000
     with pytest.raises(signals.Interrupted):
@@ -235,7 +236,6 @@ def test_the_baseline_is_asked_for_the_same_and_has_no_discriminator(
     [
         *(f"stage={stage}" for stage in ("all", "evaluation", "report", "robustness", "export", "watch", "verify")),
         "student.pretrained=true",
-        "student.adapt_eta=true",
         "student.end_early=true",
         "student.second_try=true",
         "discriminator.imitated=sinusoid",

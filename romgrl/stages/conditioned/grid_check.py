@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from torch import Tensor
 
+from romgrl.algorithms.conditioned_rom_grl import ConditionedRomGrl
 from romgrl.algorithms.rom_grl import RomGrl
 from romgrl.algorithms.sac import Mirrors
 from romgrl.config.schema import Config
@@ -23,6 +24,7 @@ from romgrl.humanoid.command_schedules import CommandTable
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 from romgrl.runtime.stage_log import StageLog
 from romgrl.stages.conditioned.cells import CommandCells
+from romgrl.stages.training.adapted_eta import ADAPTS_FROM, adapted, least_eta
 from romgrl.stages.training.budget import Budget
 from romgrl.stages.training.gait_check import FILE, LONGEST_WINDOW, averaged_policy, give_best, percent
 from romgrl.stages.wiring.humanoid import humanoid_env
@@ -42,7 +44,8 @@ LOST = 10.0
 class GridChecks:
     """Checks of the averaged policy at all cells every `interval` steps (0: none); the best one is kept.
 
-    A policy is judged by the mean shortfall of the worst fifth of the cells.
+    A policy is judged by the mean shortfall of the worst fifth of the cells. With `student.adapt_eta` what is found at
+    a cell changes the weight of its task.
     """
 
     interval: int
@@ -88,6 +91,8 @@ class GridChecks:
         gait = record(self.env, policy, steps=STEPS, seed=seed, dt=self.env.control_step)
         rows = [self.measure(cell, episodes_of(gait, cell)) for cell in range(len(self.cells.speed))]
         self.rows += [{"step": float(step)} | row for row in rows]
+        if self.config.student.adapt_eta and self.imitates and budget.reached(step, ADAPTS_FROM):
+            self.adapt(rows, learner, budget.share(step))
         self.scores.append(worst_fifth([row["shortfall"] for row in rows]))
         if self.kept == len(self.scores) - 1:
             self.best = weights
@@ -113,6 +118,19 @@ class GridChecks:
         row["error_over_variance"] = error
         row["shortfall"] = shortfall(row, speed, imitates=self.imitates)
         return {name: float(value) for name, value in row.items()}
+
+    def adapt(self, rows: Sequence[Mapping[str, float]], learner: RomGrl, share: float) -> None:
+        """Change the weight of the task at each taught cell, at a share of the training, as at one speed."""
+        assert isinstance(learner, ConditionedRomGrl)
+        etas, least = learner.etas.tolist(), least_eta(self.config.eta, share)
+        for place, cell in enumerate(self.cells.taught_cells):
+            row = rows[cell]
+            off = percent(row["steady_speed_m_per_s"], float(self.cells.speed[cell])) - 100
+            judged = {"speed_error_percent": off, "cadence_error_percent": row["cadence_error_percent"]}
+            etas[place] = max(least, adapted(etas[place], judged, fell=row["falls"] > EPISODES / 4))
+        learner.etas.copy_(learner.etas.new_tensor(etas))
+        learner.eta = float(learner.etas.mean())
+        self.log.message(f"weight of the speed from {min(etas):.2f} to {max(etas):.2f}")
 
     def named(self, row: Mapping[str, float]) -> dict[str, Any]:
         """A row as checks.csv has it: with the gait and the speed of its cell in the place of its number."""

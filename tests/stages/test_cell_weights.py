@@ -1,0 +1,57 @@
+"""The weight of the task of a student that follows commands: of each cell, steered by its checks."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+import torch
+
+from romgrl.algorithms.conditioned_rom_grl import ConditionedRomGrl
+from romgrl.runtime.stage_log import SilentLog
+from romgrl.stages.conditioned.cells import CommandCells, read_command_cells
+from romgrl.stages.conditioned.grid_check import GridChecks
+from tests.algorithms.test_commanded_windows import RUN, WALK, asked, cells
+from tests.conftest import Composer
+from tests.helpers.commanded import commanded, small_library
+
+RIGHT = {"falls": 0.0, "cadence_error_percent": 0.0, "error_over_variance": 0.1}
+
+
+def learner(eta: float) -> ConditionedRomGrl:
+    """Of four cells: runs at 2, 3 and 4 m/s and a walk at 1 m/s; nothing in it learns."""
+    nothing: Any = SimpleNamespace(windows=torch.zeros(1))
+    return ConditionedRomGrl(
+        sac=nothing, discriminator=None, buffer=nothing, normalizer=nothing, eta=eta, batch_size=1,
+        discriminator_interval=1, discriminator_batch=1, discriminator_recent=None, relabelling=nothing, cells=cells(),
+    )  # fmt: skip
+
+
+def test_the_task_weighs_what_its_cells_say_and_all_of_it_to_stand() -> None:
+    made = learner(0.3)
+    batch: Any = SimpleNamespace(windows=torch.stack((asked(RUN, 2.0, 2.5, 0.0), asked(WALK, 1.0, 1.5, 0.0))))
+    torch.testing.assert_close(made.task_weight(batch), torch.tensor([[0.3, 0.3, 1.0], [0.3, 0.3, 1.0]]))
+    made.etas.copy_(torch.tensor([0.3, 0.5, 0.7, 0.6]))
+    torch.testing.assert_close(made.task_weight(batch), torch.tensor([[0.3, 0.4, 1.0], [0.6, 0.6, 1.0]]))
+
+
+def test_each_cell_steers_its_own_weight(compose_config: Composer, tmp_path: Path) -> None:
+    """Up where it is too slow, down where it strides otherwise, as it is where it falls; none below what it began with
+    a third of the way through, nor below a half late."""
+    config = commanded(compose_config, "eta=0.3")
+    taught: CommandCells = read_command_cells(small_library(tmp_path / "library"), config, span=4)
+    assert taught.speed.tolist() == [2.0, 3.0, 4.0, 1.0, 2.0]
+    made = learner(0.4)
+    made.etas = torch.full((5,), 0.4)
+    checks = GridChecks(0, config, None, taught, True, torch.zeros(1), None, tmp_path, SilentLog())
+    rows = [RIGHT | {"steady_speed_m_per_s": float(speed)} for speed in taught.speed]
+    rows[1] |= {"steady_speed_m_per_s": 2.7}
+    rows[2] |= {"cadence_error_percent": 20.0}
+    rows[3] |= {"steady_speed_m_per_s": 0.7, "falls": 4.0}
+    checks.adapt(rows, made, 0.33)
+    assert made.etas.tolist() == pytest.approx([0.4, 0.46, 0.4 / 1.1, 0.4, 0.4])
+    assert made.eta == pytest.approx(float(made.etas.mean()))
+    checks.adapt(rows, made, 0.7)
+    assert made.etas.tolist() == pytest.approx([0.5, 0.46 * 1.15, 0.5, 0.5, 0.5])
