@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from romgrl.algorithms.discriminator import LEAST_DEVIATION
+
 FAR_KEY = 1000.0
 """m/s between the sorted cells of two gaits: more than any speed."""
-LEAST_DEVIATION = 1e-3
-"""Of a column of the reference: what hardly changes is not blown up."""
 SPEED_SLACK = 1e-4
 """m/s by which a command may be below the slowest cell and still be taught."""
 

@@ -11,6 +11,7 @@ import torch
 from romgrl.algorithms.commanded_windows import CellWindows, WindowColumns
 from romgrl.algorithms.conditioned_discriminator import ConditionedDiscriminator
 from romgrl.algorithms.conditioned_rom_grl import CommandedBuffer
+from romgrl.algorithms.discriminator_health import WATCHED
 
 RUN, WALK = 0, 1
 GAIT, SPEED = [RUN, RUN, RUN, WALK], [2.0, 3.0, 4.0, 1.0]
@@ -54,6 +55,18 @@ def test_statistics_are_straight_between_cells_of_a_gait_and_flat_beyond() -> No
     assert made.taught(torch.cat((asked(RUN, 0.0, 2.0), asked(WALK, 0.0, 1.0)))).tolist() == [False, True, False, True]
     together = cells(by_command=False)
     assert torch.equal(together.mean[0], together.mean[3])
+
+
+def test_the_gap_of_the_features_is_in_deviations_of_each_command() -> None:
+    """A deviation off at each command: half of the columns' terms are 1, the others, of equal deviations, 0."""
+    judged = judge()
+    student = judged.real.clone()
+    student[:, :W] += judged.cells.moments(student)[1]
+    values = judged.measures(student)
+    assert values["discriminator_feature_gap"] == pytest.approx(0.5**0.5, rel=0.02)
+    assert judged.measures(judged.real)["discriminator_feature_gap"] < 1e-6
+    assert set(values) < set(WATCHED)
+    assert judged.measures(asked(RUN, 0.0, 0.0)) == {}  # to stand, of which there is no reference
 
 
 def test_what_is_far_is_another_gait_or_speed() -> None:
