@@ -30,7 +30,7 @@ from romgrl.runtime.stage_log import StageLog
 from romgrl.stages.rollouts.orbital_stability import teacher_multipliers
 from romgrl.stages.rollouts.teacher import roll_out_teacher
 from romgrl.stages.wiring.jumps_asked import jumps_asked
-from romgrl.stages.wiring.rom import rom_parameters
+from romgrl.stages.wiring.rom import drawn_feet, rom_parameters
 from romgrl.stages.wiring.teacher_strides import teacher_strides
 
 Cell = dict[str, NDArray[Any]]
@@ -66,9 +66,8 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
     names: Cell = {"channels": np.array(CHANNELS), "dt": np.array(dt)}
     own = {name: np.stack([each[name] for each in arrays]) for name in arrays[0]} | names
     how = f"a {config.teacher.gait} by {config.teacher.algorithm} on {config.rom.model}, seed {config.seed}"
-    table = pd.DataFrame(rows).assign(
-        foot_radius_m=rom_parameters(config).foot_radius, teacher=f"{how}, artifact {inputs['teacher'].name}"
-    )
+    feet = {f"{name}_m": size for name, size in drawn_feet(config).items()}
+    table = pd.DataFrame(rows).assign(**feet, teacher=f"{how}, artifact {inputs['teacher'].name}")
     library = joined_library(FinishedLibrary(table, own), others)
     library.table.to_csv(output / "library.csv", index=False)
     save_arrays(output / "library.npz", library.arrays)
