@@ -13,7 +13,8 @@ from romgrl.artifacts import load_arrays
 from romgrl.config.schema import Config
 from romgrl.errors import ArtifactError
 from romgrl.gait.features import CHANNELS
-from romgrl.report.library_table import library_metrics, library_tables
+from romgrl.provenance.stage_graph import STAGES
+from romgrl.report.library_table import library_metrics
 from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import library
 from romgrl.stages.wiring.rom import rom_parameters
@@ -87,7 +88,9 @@ def test_page_atlas_and_table_have_all_gaits(joined: Path) -> None:
     teachers = "a run by ppo on variable_leg, seed 0, artifact 0123456789abcdef; a walk by ppo, seed 0"
     assert f"Teachers: {teachers}; a hop by cmaes, seed 3, library fedcba9876543210." in text
     assert (joined / "gait_atlas.png").stat().st_size > 10_000
-    (shown,) = library_tables(joined)
+    (shown,) = STAGES["library"].shown(joined, asked=True)
+    line = f"library: 13 of 14 cells are fit to be imitated, see {joined / 'report.html'}"
+    assert STAGES["library"].shown(joined, asked=False) == [line]
     assert [*shown.columns[0].cells] == ["run"] * 2 + ["walk"] * 6 + ["hop"] * 6
     assert library_metrics(joined)["cells"] == 14.0
 
