@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from romgrl.artifacts import load_arrays, save_arrays
 from romgrl.artifacts.checkpoint import CHECKPOINT
+from romgrl.config.commanded import USUAL_STIFFNESS
 from romgrl.config.schema import Config
 from romgrl.errors import ArtifactError
 from romgrl.gait.features import CHANNELS, Gait
@@ -59,6 +60,7 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
         if found is None:
             found = make_cell(at, inputs["teacher"])
             save_arrays(kept / f"cell_{number:04d}.npz", found)
+            tell_unfit(json.loads(str(found["row"])), log)
         row = json.loads(str(found.pop("row")))
         rows.append(row)
         arrays.append(found)
@@ -74,6 +76,12 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
     save(gait_atlas(library.table), output, "gait_atlas")
     write_library_page(output / "report.html", library.table, library.arrays)
     log.message(f"{int(library.table.fit.sum())} of {len(library.table)} cells are fit to be imitated")
+
+
+def tell_unfit(row: Mapping[str, Any], log: StageLog) -> None:
+    """Say of a cell that a conditioned student could be taught, and is not fit, why."""
+    if not row["fit"] and row["stiffness_share"] == USUAL_STIFFNESS and not row["apex_m"]:
+        log.message(f"{row['gait']} at {row['speed_m_per_s']:g} m/s is not fit to be imitated: {row['reason']}")
 
 
 def finished_cell(path: Path) -> Cell | None:
