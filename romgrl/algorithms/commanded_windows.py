@@ -79,16 +79,15 @@ class CellWindows:
         splits = [max(1, round(len(each) * (1 - held_out))) for each in windows]
         if any(split >= len(each) for split, each in zip(splits, windows, strict=True)):
             raise ValueError(f"held_out {held_out} leaves no window of a cell to validate")
-        parts = list(zip(windows, splits, strict=True))
-        commands = [self._beside(each.to(device), cell) for each, cell in zip(windows, cells, strict=True)]
-        rows = list(zip(commands, splits, strict=True))
+        beside = [self._beside(each.to(device), cell) for each, cell in zip(windows, cells, strict=True)]
+        rows = list(zip(beside, splits, strict=True))
         self.real = torch.cat([each[:split] for each, split in rows])
         self.validation = torch.cat([each[split:] for each, split in rows])
         self.learned = torch.cat([each[: min(split, len(each) - split)] for each, split in rows])
-        self.real_cell = cells.repeat_interleave(torch.tensor(splits, device=device))
-        held = torch.tensor([len(each) - split for each, split in parts], device=device)
-        self.validation_cell = cells.repeat_interleave(held)
         self._count = torch.tensor(splits, device=device)
+        self.real_cell = cells.repeat_interleave(self._count)
+        whole = torch.tensor([len(each) for each in windows], device=device)
+        self.validation_cell = cells.repeat_interleave(whole - self._count)
         self._start = self._count.cumsum(0) - self._count
         together = torch.cat(list(windows))
         each = [part if by_command else together for part in windows]
@@ -131,10 +130,8 @@ class CellWindows:
     def moments(self, rows: Tensor) -> tuple[Tensor, Tensor]:
         """Mean and deviation (B, W) of the reference at the commands of commanded windows."""
         low, high, share = self.between(rows)
-        up = share[:, None]
-        return torch.lerp(self.mean[low], self.mean[high], up), torch.lerp(
-            self.deviation[low], self.deviation[high], up
-        )
+        mean, deviation = (torch.lerp(part[low], part[high], share[:, None]) for part in (self.mean, self.deviation))
+        return mean, deviation
 
     def draw(self, cell: Tensor, generator: torch.Generator) -> Tensor:
         """Commanded windows (B, W + K + 1) to learn from, each of its cell."""

@@ -112,3 +112,14 @@ class ConditionedDiscriminator(Discriminator):
         seen, told = self.inputs(windows), self.inputs(real)
         gap = feature_gap(seen[:, :size], told[:, :size])
         return self._measured(self._logit(seen), self._logit(told), self.logits(held_out), gap)
+
+    @torch.no_grad()
+    def accuracies_of(self, windows: Tensor, among: Tensor) -> dict[str, float]:
+        """Shares of clean windows that it tells: of the references of some cells, `among` (C,), and of the student."""
+        self.network.eval()
+        real, fake = self.logits(self.real[among[self.cells.real_cell]]), self.logits(windows)
+        threshold = self.adversarial.threshold(real, fake)
+        return {
+            "discriminator_accuracy_teacher": float((real > threshold).float().mean()),
+            "discriminator_accuracy_student": float((fake < threshold).float().mean()),
+        }

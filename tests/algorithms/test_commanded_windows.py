@@ -69,6 +69,18 @@ def test_the_gap_of_the_features_is_in_deviations_of_each_command() -> None:
     assert judged.measures(asked(RUN, 0.0, 0.0)) == {}  # to stand, of which there is no reference
 
 
+def test_accuracies_are_of_the_cells_that_are_meant() -> None:
+    """A network that sees the weight of the first gait alone takes runs for the teacher's, and no walk."""
+    judged = judge()
+    judged.network = torch.nn.Sequential(torch.nn.Linear(W + 3, 1))
+    weights = torch.zeros((1, W + 3))
+    weights[0, W + 1 + RUN] = 2.0
+    judged.network.load_state_dict({"0.weight": weights, "0.bias": torch.tensor([-1.0])})
+    student, runs = torch.cat((asked(RUN, 2.0, 3.0, 3.5), asked(WALK, 1.0))), judged.cells.gait == RUN
+    for among, share in ((runs, 1.0), (~runs, 0.0)):
+        assert [*judged.accuracies_of(student, among).values()] == [share, 0.25]
+
+
 def test_what_is_far_is_another_gait_or_speed() -> None:
     assert cells().far(1.5).int().tolist() == [[0, 0, 1, 1], [0, 0, 0, 1], [1, 0, 0, 1], [1, 1, 1, 0]]
 
