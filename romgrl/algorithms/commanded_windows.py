@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from romgrl.algorithms.discriminator import LEAST_DEVIATION
+
 FAR_KEY = 1000.0
 """m/s between the sorted cells of two gaits: more than any speed."""
-LEAST_DEVIATION = 1e-3
-"""Of a column of the reference: what hardly changes is not blown up."""
 VALIDATED = 1024
 """Windows of all cells together that validate, about so many: it is done at every update."""
 SPEED_SLACK = 1e-4
@@ -81,17 +81,16 @@ class CellWindows:
         splits = [max(1, round(len(each) * (1 - held_out))) for each in windows]
         if any(split >= len(each) for split, each in zip(splits, windows, strict=True)):
             raise ValueError(f"held_out {held_out} leaves no window of a cell to validate")
-        parts = list(zip(windows, splits, strict=True))
-        commands = [self._beside(each.to(device), cell) for each, cell in zip(windows, cells, strict=True)]
-        rows = list(zip(commands, splits, strict=True))
+        beside = [self._beside(each.to(device), cell) for each, cell in zip(windows, cells, strict=True)]
+        rows = list(zip(beside, splits, strict=True))
         self.real = torch.cat([each[:split] for each, split in rows])
-        step = max(1, sum(len(each) - split for each, split in parts) // VALIDATED)
+        step = max(1, sum(len(each) - split for each, split in rows) // VALIDATED)
         self.validation = torch.cat([each[split::step] for each, split in rows])
         self.learned = torch.cat([each[: min(split, len(each) - split) : step] for each, split in rows])
-        self.real_cell = cells.repeat_interleave(torch.tensor(splits, device=device))
-        held = torch.tensor([len(each[split::step]) for each, split in parts], device=device)
-        self.validation_cell = cells.repeat_interleave(held)
         self._count = torch.tensor(splits, device=device)
+        self.real_cell = cells.repeat_interleave(self._count)
+        held = torch.tensor([len(each[split::step]) for each, split in rows], device=device)
+        self.validation_cell = cells.repeat_interleave(held)
         self._start = self._count.cumsum(0) - self._count
         together = torch.cat(list(windows))
         each = [part if by_command else together for part in windows]
@@ -134,10 +133,8 @@ class CellWindows:
     def moments(self, rows: Tensor) -> tuple[Tensor, Tensor]:
         """Mean and deviation (B, W) of the reference at the commands of commanded windows."""
         low, high, share = self.between(rows)
-        up = share[:, None]
-        return torch.lerp(self.mean[low], self.mean[high], up), torch.lerp(
-            self.deviation[low], self.deviation[high], up
-        )
+        mean, deviation = (torch.lerp(part[low], part[high], share[:, None]) for part in (self.mean, self.deviation))
+        return mean, deviation
 
     def draw(self, cell: Tensor, generator: torch.Generator) -> Tensor:
         """Commanded windows (B, W + K + 1) to learn from, each of its cell."""

@@ -8,8 +8,8 @@ import torch
 from torch import Tensor
 
 from romgrl.algorithms.adversarial_losses import Logits, interpolate_penalty, zero_penalty
-from romgrl.algorithms.commanded_windows import LEAST_DEVIATION, CellWindows
-from romgrl.algorithms.discriminator import Discriminator
+from romgrl.algorithms.commanded_windows import CellWindows
+from romgrl.algorithms.discriminator import Discriminator, feature_gap
 
 
 class ConditionedDiscriminator(Discriminator):
@@ -101,7 +101,7 @@ class ConditionedDiscriminator(Discriminator):
     def measures_of(self, windows: Tensor, among: Tensor) -> dict[str, float]:
         """How it tells commanded windows from the references of some cells, `among` (C,); none of either: nothing.
 
-        `feature_gap` is in standard deviations of the reference at each command.
+        The gap of the features is in standard deviations of the reference at each command.
         """
         self.network.eval()
         real, held_out = self.real[among[self.cells.real_cell]], self.validation[among[self.cells.validation_cell]]
@@ -109,16 +109,16 @@ class ConditionedDiscriminator(Discriminator):
             return {}
         size = self.columns.window
         seen, told = self.inputs(windows), self.inputs(real)
-        student, teacher, unseen = self._logit(seen), self._logit(told), self.logits(held_out)
-        deviation = told[:, :size].std(0).clamp(min=LEAST_DEVIATION)
-        shift = (seen[:, :size].mean(0) - told[:, :size].mean(0)) / deviation
-        ratio = (seen[:, :size].std(0).clamp(min=LEAST_DEVIATION) / deviation).log()
-        values = {
-            "logit_teacher": teacher.mean(),
-            "logit_student": student.mean(),
-            "logit_spread": torch.cat((teacher, student)).std(),
-            "fit_loss": self.adversarial.loss(teacher, student, self.label_smoothing),
-            "held_out_loss": self.adversarial.loss(unseen, student, self.label_smoothing),
-            "feature_gap": torch.cat((shift, ratio)).square().mean().sqrt(),
+        gap = feature_gap(seen[:, :size], told[:, :size])
+        return self._measured(self._logit(seen), self._logit(told), self.logits(held_out), gap)
+
+    @torch.no_grad()
+    def accuracies_of(self, windows: Tensor, among: Tensor) -> dict[str, float]:
+        """Shares of clean windows that it tells: of the references of some cells, `among` (C,), and of the student."""
+        self.network.eval()
+        real, fake = self.logits(self.real[among[self.cells.real_cell]]), self.logits(windows)
+        threshold = self.adversarial.threshold(real, fake)
+        return {
+            "discriminator_accuracy_teacher": float((real > threshold).float().mean()),
+            "discriminator_accuracy_student": float((fake < threshold).float().mean()),
         }
-        return {f"discriminator_{name}": float(value) for name, value in values.items()}

@@ -19,6 +19,8 @@ from romgrl.algorithms.tensor_state import optimizer_state, put_all, restore_opt
 NOISE_RATE, NOISE_RANGE = 0.01, (0.02, 3.0)
 """Relative change of the noise per update and unit of accuracy: it doubles within some 500 updates that tell every
 window."""
+LEAST_DEVIATION = 1e-3
+"""Of a column of the reference: what hardly changes is not blown up."""
 GAP_TOLERANCE = 0.02
 """A gap counts as wider than the narrowest one from this share of an undecided discriminator's loss on: ten times what
 it wavers by on a reference that is not learned by heart."""
@@ -66,7 +68,7 @@ class Discriminator:
             raise ValueError(f"held_out {held_out} leaves no window of {len(reference)} to validate")
         self.real, self.validation = reference[:split].to(device), reference[split:].to(device)
         self.learned = self.real[: len(self.validation)]  # what held-out windows are compared with
-        scale = reference.std(0).clamp(min=1e-3) if standardize else torch.ones(reference.shape[1])
+        scale = reference.std(0).clamp(min=LEAST_DEVIATION) if standardize else torch.ones(reference.shape[1])
         self.mean = (reference.mean(0) if standardize else torch.zeros(reference.shape[1])).to(device)
         self.scale = (1 / scale if weights is None else weights / scale).to(device)
         layers: list[nn.Module] = []
@@ -132,23 +134,20 @@ class Discriminator:
 
     @torch.no_grad()
     def measures(self, windows: Tensor) -> dict[str, float]:
-        """How it tells the student's windows (B, window_size) from the teacher's, without noise or dropout.
-
-        `feature_gap` does not ask the network: root mean square over the columns of the difference of means, in
-        standard deviations of the teacher, and of the logarithm of the ratio of the deviations.
-        """
+        """How it tells the student's windows (B, window_size) from the teacher's, without noise or dropout."""
         self.network.eval()
         student, teacher, held_out = self.logits(windows), self.logits(self.real), self.logits(self.validation)
-        deviation = self.real.std(0).clamp(min=1e-3)
-        shift = (windows.mean(0) - self.real.mean(0)) / deviation
-        ratio = (windows.std(0).clamp(min=1e-3) / deviation).log()
+        return self._measured(student, teacher, held_out, feature_gap(windows, self.real))
+
+    def _measured(self, student: Tensor, teacher: Tensor, held_out: Tensor, gap: Tensor) -> dict[str, float]:
+        """What is logged of logits (B,) of clean windows, and of `feature_gap`, by name."""
         values = {
             "logit_teacher": teacher.mean(),
             "logit_student": student.mean(),
             "logit_spread": torch.cat((teacher, student)).std(),
             "fit_loss": self.adversarial.loss(teacher, student, self.label_smoothing),
             "held_out_loss": self.adversarial.loss(held_out, student, self.label_smoothing),
-            "feature_gap": torch.cat((shift, ratio)).square().mean().sqrt(),
+            "feature_gap": gap,
         }
         return {f"discriminator_{name}": float(value) for name, value in values.items()}
 
@@ -214,3 +213,15 @@ class Discriminator:
         """Windows with noise, in the unit that the network sees."""
         noise = torch.randn(windows.shape, generator=self.generator, device=windows.device)
         return windows + self.noise * noise / self.scale
+
+
+def feature_gap(student: Tensor, teacher: Tensor) -> Tensor:
+    """How far windows (B, W) are from the teacher's (N, W), which does not ask a network.
+
+    Root mean square over the columns of the difference of means, in standard deviations of the teacher, and of the
+    logarithm of the ratio of the deviations.
+    """
+    deviation = teacher.std(0).clamp(min=LEAST_DEVIATION)
+    shift = (student.mean(0) - teacher.mean(0)) / deviation
+    ratio = (student.std(0).clamp(min=LEAST_DEVIATION) / deviation).log()
+    return torch.cat((shift, ratio)).square().mean().sqrt()

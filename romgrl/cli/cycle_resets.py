@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 from romgrl.cli.reduced_order_models import ROM_KEYS
@@ -15,6 +16,7 @@ from romgrl.config.values import as_before, refusal, show
 from romgrl.errors import ArtifactError, StorageError
 
 CYCLES = "teacher.cycles"
+OF_SHARE = (CYCLES, "teacher.cycle_resets", "teacher.pretrained")
 OF_CYCLES = ("teacher.algorithm", "teacher.gait")
 MOST_DIFFERENCES = 3
 
@@ -35,10 +37,11 @@ def cycle_share(config: Config) -> Iterator[str]:
 def cycle_teacher(config: Config) -> Iterator[str]:
     """The cycles are those of a finished teacher by CMA-ES that walks on the same model, in the same gait."""
     teacher = config.teacher
-    if not isinstance(teacher, PPOTeacher) or teacher.cycles is None:
+    if not isinstance(teacher, PPOTeacher) or teacher.cycles is None or any(cycle_share(config)):
         return
     from romgrl.provenance.cycles import cycle_manifest, shared_ranges
     from romgrl.provenance.stage_keys import stage_settings
+    from romgrl.report.terminal_tables import read_rows
 
     try:
         made = cycle_manifest(teacher.cycles).config
@@ -60,6 +63,11 @@ def cycle_teacher(config: Config) -> Iterator[str]:
             wants = own.get(f"teacher.{many}") or own.get(f"teacher.{one}")
             permitted = f"a teacher whose teacher.{many} meet {show(wants)} (it has {show(has)})"
             yield refusal(CYCLES, teacher.cycles, permitted)
+            return
+    checked = read_rows(Path(teacher.cycles) / "gait.csv")
+    if checked and all(row["falls"] == row["episodes"] for row in checked):  # the stage tries it where both are asked
+        permitted = "a teacher that stands in an episode at least (gait.csv has falls in all of them)"
+        yield refusal(CYCLES, teacher.cycles, permitted)
 
 
 def other_than(made: dict[str, Any], wanted: dict[str, Any]) -> Iterator[str]:
@@ -73,6 +81,6 @@ def other_than(made: dict[str, Any], wanted: dict[str, Any]) -> Iterator[str]:
 
 
 CYCLE_CHECKS = (
-    ((CYCLES, "teacher.cycle_resets", "teacher.pretrained"), cycle_share),
-    ((CYCLES, *OF_CYCLES, *RANGES, *RANGES.values(), *ROM_KEYS), cycle_teacher),
+    (OF_SHARE, cycle_share),
+    ((*OF_SHARE, *OF_CYCLES, *RANGES, *RANGES.values(), *ROM_KEYS), cycle_teacher),
 )

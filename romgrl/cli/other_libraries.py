@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from os.path import isabs
 from pathlib import Path
 
 from romgrl.cli.teacher_ranges import RANGES
@@ -35,6 +36,10 @@ def other_libraries(config: Config) -> Iterator[str]:
     asked = [at.teacher for at in library_cells(config)]
     known = {asked_cell(at.gait, at.speed, at.apex, at.stiffness_share) for at in asked}
     for place in config.library.others:
+        if not isabs(place):  # as every text is by now
+            permitted = f"finished libraries; a path that is a number stands in quotes: {OTHERS_KEY}=['{place}']"
+            yield refusal(OTHERS_KEY, place, permitted)
+            return
         try:
             cells = [*cells_of(read_library(Path(place), steps=steps, dt=1.0 / rate).table)]
         except (RomgrlError, OSError) as error:

@@ -84,8 +84,8 @@ def run(
         tracked.finish(status)
         recorder.close()
     for stage, directory in job.finished.items() if place is None else ():  # a sweep ends with one table of all jobs
-        for table in STAGES[stage].shown(directory):
-            console.print(table)
+        for each in STAGES[stage].shown(directory, asked=stage == config.stage):
+            job.say(each) if isinstance(each, str) else console.print(each)
     if "report" in job.finished:
         job.say(f"report: {job.finished['report'] / 'report.html'}, figures and films beside it")
     if recorder.journal is not None:

@@ -21,10 +21,11 @@ class Stage:
     `doc`: a line of the help. `function`: module:function that makes its artifact. `upstream`: the stages it reads.
     `depends`: keys and groups of the configuration that change what it makes. `knobs`: keys in the title of its run, by
     their labels. `tables`: its CSV files that MLflow shows, with the columns that name a row. `metrics`, `printed`:
-    module:function from its directory to numbers of a run, and to what ends a job on the terminal. `beside`: what ships
-    trained and is compared with. `drawn`: it makes pictures. `optional`: it is made only where it is asked for by name,
-    or read. `fetched`: it may come from a tracking server, which no code is taken from. `conditioned`: the stages that
-    it reads in place of `upstream` where the student is conditioned; None: it knows of no such student.
+    module:function from its directory to numbers of a run, and to what ends a job on the terminal. `briefly`: to the
+    line that stands there where another stage was asked for. `beside`: what ships trained and is compared with.
+    `drawn`: it makes pictures. `optional`: it is made only where it is asked for by name, or read. `fetched`: it may
+    come from a tracking server, which no code is taken from. `conditioned`: the stages that it reads in place of
+    `upstream` where the student is conditioned; None: it knows of no such student.
     """
 
     doc: str
@@ -35,6 +36,7 @@ class Stage:
     tables: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     metrics: str | None = None
     printed: str | None = None
+    briefly: str | None = None
     beside: tuple[str, ...] = ()
     drawn: bool = False
     optional: bool = False
@@ -49,8 +51,10 @@ class Stage:
         """The numbers of a run whose artifact lies in a directory."""
         return {} if self.metrics is None else load_function(self.metrics)(directory)
 
-    def shown(self, directory: Path) -> list[Any]:
-        """What ends a job on the terminal, for rich to print."""
+    def shown(self, directory: Path, *, asked: bool) -> list[Any]:
+        """What ends a job on the terminal, for rich to print, and lines; asked: for this stage by name."""
+        if self.briefly is not None and not asked:
+            return [load_function(self.briefly)(directory)]
         return [] if self.printed is None else load_function(self.printed)(directory)
 
 
@@ -127,6 +131,7 @@ STAGES: dict[str, Stage] = {
         tables={"library.csv": ()},
         metrics="romgrl.report.library_table:library_metrics",
         printed="romgrl.report.library_table:library_tables",
+        briefly="romgrl.report.library_table:library_line",
         drawn=True,
         optional=True,
     ),

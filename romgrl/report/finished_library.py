@@ -69,7 +69,7 @@ def read_library(directory: Path, *, steps: int, dt: float) -> FinishedLibrary:
 
 
 def with_origin(table: pd.DataFrame, manifest: Manifest) -> pd.DataFrame:
-    """library.csv with what older ones lack: no apex; foot radius and teacher as the manifest has them, or nan."""
+    """library.csv with what older ones lack: no apex; feet and teacher as the manifest has them, a radius or nan."""
     if "apex_m" not in table:
         table = table.assign(apex_m=0.0)
     if "teacher" not in table:
@@ -78,6 +78,8 @@ def with_origin(table: pd.DataFrame, manifest: Manifest) -> pd.DataFrame:
         radius = settings.get("rom.foot_radius")
         table = table.assign(foot_radius_m=np.nan if radius is None else radius)
         table = table.assign(teacher=f"{how}, library {manifest.key}")
+    if "roll_over_radius_m" not in table:
+        table = table.assign(roll_over_radius_m=float(manifest.config.get("rom.roll_over_radius", 0.0)))
     return table
 
 

@@ -50,6 +50,13 @@ def library_tables(library: Path) -> list[Table]:
     return [table]
 
 
+def library_line(library: Path) -> str:
+    """How many cells of a library are fit, and where they can be seen."""
+    rows = read_rows(library / LIBRARY_TABLE)
+    fit = sum(row["fit"] == "True" for row in rows)
+    return f"library: {fit} of {len(rows)} cells are fit to be imitated, see {library / 'report.html'}"
+
+
 def library_metrics(library: Path) -> dict[str, float]:
     """How many cells there are, which share of them is fit, and the largest multiplier of those; none without any."""
     rows: Rows = read_rows(library / LIBRARY_TABLE)

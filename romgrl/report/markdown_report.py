@@ -19,8 +19,8 @@ HOW_OBTAINED = {
     "teacher floor": "the same error of the teacher's episodes against its other episodes",
     "other teacher": "the teacher that ships, trained with another seed, on the same reduced-order model",
     "teacher, stretched": "the teacher played at the student's cadence, against its other episodes",
-    "sinusoid": "no body, but cosines at the teacher's cadence (the pelvis at twice that) with its means, amplitudes "
-    "and phases, the feet in antiphase",
+    "sinusoid": "no body, but cosines at the teacher's cadence with its means, amplitudes and phases; where the feet "
+    "take turns, they are in antiphase and the pelvis is at twice the cadence",
     "statue": "a body frozen in the teacher's mean pose",
     "mmd": "squared maximum mean discrepancy (unbiased, so it can be below zero) between the scored windows and the "
     "teacher's, over runs of four frames in the teacher's standard deviations; Gaussian kernel, the teacher's median "

@@ -15,7 +15,7 @@ from romgrl.report.numbers import UNKNOWN, fixed
 from romgrl.report.style import CHANNEL_LABELS
 from romgrl.report.tables import DISTANCE_LABELS, markdown
 from romgrl.results.against_student import FAIR, by_walker, walkers_table, with_student, worth_of_each
-from romgrl.results.results_document import CLAIMED, Finished
+from romgrl.results.results_document import CLAIMED, FinishedSweeps
 from romgrl.results.seed_groups import CHOSEN, HELD_OUT, group_of
 from romgrl.results.sweep_cells import SEED_KEY, JobResult, by_cell, headline_jobs, note, number_row
 from romgrl.results.sweep_tables import TABLE_COLUMNS, written
@@ -83,7 +83,7 @@ README_ROWS = {
 }  # the number, its label and its decimals
 
 
-def readme_text(found: Finished, outputs: Path, document: Path) -> str:
+def readme_text(found: FinishedSweeps, outputs: Path, document: Path) -> str:
     """The text with the table between its markers. Raises ArtifactError where there is no such sweep or place."""
     jobs: dict[str, list[JobResult]] = {}
     for sweep, finished in found:
@@ -102,7 +102,7 @@ def readme_text(found: Finished, outputs: Path, document: Path) -> str:
     return f"{before}{START}\n\n{text}\n{END}{rest.partition(END)[2]}"
 
 
-def fair_table(found: Finished) -> list[str]:
+def fair_table(found: FinishedSweeps) -> list[str]:
     """What stands in the student's place, beside it, and what the imitation alone is worth; none without that sweep."""
     text = []
     for sweep, finished in found:
@@ -116,7 +116,7 @@ def fair_table(found: Finished) -> list[str]:
     return text
 
 
-def others_table(found: Finished) -> list[str]:
+def others_table(found: FinishedSweeps) -> list[str]:
     """What students of other settings came to, a row per cell of the sweeps of OTHER_SETTINGS; nothing without any."""
     rows = []
     for sweep, finished in found:

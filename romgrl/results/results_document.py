@@ -41,10 +41,11 @@ Seeds 0 to 4 chose the settings; held-out seeds stand apart, and figures and cla
 """
 
 
-Finished = list[tuple[Sweep, list[JobResult]]]
+FinishedSweeps = list[tuple[Sweep, list[JobResult]]]
+"""Sweeps, each with what its jobs came to."""
 
 
-def finished_sweeps(outputs: Path) -> Finished:
+def finished_sweeps(outputs: Path) -> FinishedSweeps:
     """The sweeps under `outputs`, each with its jobs. Raises ArtifactError where there are none."""
     found = merged(sweeps(outputs))
     if not found:
@@ -54,7 +55,7 @@ def finished_sweeps(outputs: Path) -> Finished:
     return [(sweep, results(sweep, outputs, known)) for sweep in found]
 
 
-def write_document(found: Finished, outputs: Path, docs: Path, others: Mapping[Path, str]) -> list[Path]:
+def write_document(found: FinishedSweeps, outputs: Path, docs: Path, others: Mapping[Path, str]) -> list[Path]:
     """Write results.md and results/ from finished sweeps under `outputs`, and the text of other files along with them.
 
     Nothing is replaced before all of it is written. Returns what is in `docs`. Raises ArtifactError and StorageError.

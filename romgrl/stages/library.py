@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from romgrl.artifacts import load_arrays, save_arrays
 from romgrl.artifacts.checkpoint import CHECKPOINT
+from romgrl.config.commanded import USUAL_STIFFNESS
 from romgrl.config.schema import Config
 from romgrl.errors import ArtifactError
 from romgrl.gait.features import CHANNELS, Gait
@@ -30,7 +31,7 @@ from romgrl.runtime.stage_log import StageLog
 from romgrl.stages.rollouts.orbital_stability import teacher_multipliers
 from romgrl.stages.rollouts.teacher import roll_out_teacher
 from romgrl.stages.wiring.jumps_asked import jumps_asked
-from romgrl.stages.wiring.rom import rom_parameters
+from romgrl.stages.wiring.rom import drawn_feet, rom_parameters
 from romgrl.stages.wiring.teacher_strides import teacher_strides
 
 Cell = dict[str, NDArray[Any]]
@@ -59,6 +60,7 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
         if found is None:
             found = make_cell(at, inputs["teacher"])
             save_arrays(kept / f"cell_{number:04d}.npz", found)
+            tell_unfit(json.loads(str(found["row"])), log)
         row = json.loads(str(found.pop("row")))
         rows.append(row)
         arrays.append(found)
@@ -66,15 +68,20 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
     names: Cell = {"channels": np.array(CHANNELS), "dt": np.array(dt)}
     own = {name: np.stack([each[name] for each in arrays]) for name in arrays[0]} | names
     how = f"a {config.teacher.gait} by {config.teacher.algorithm} on {config.rom.model}, seed {config.seed}"
-    table = pd.DataFrame(rows).assign(
-        foot_radius_m=rom_parameters(config).foot_radius, teacher=f"{how}, artifact {inputs['teacher'].name}"
-    )
+    feet = {f"{name}_m": size for name, size in drawn_feet(config).items()}
+    table = pd.DataFrame(rows).assign(**feet, teacher=f"{how}, artifact {inputs['teacher'].name}")
     library = joined_library(FinishedLibrary(table, own), others)
     library.table.to_csv(output / "library.csv", index=False)
     save_arrays(output / "library.npz", library.arrays)
     save(gait_atlas(library.table), output, "gait_atlas")
     write_library_page(output / "report.html", library.table, library.arrays)
     log.message(f"{int(library.table.fit.sum())} of {len(library.table)} cells are fit to be imitated")
+
+
+def tell_unfit(row: Mapping[str, Any], log: StageLog) -> None:
+    """Say of a cell that a conditioned student could be taught, and is not fit, why."""
+    if not row["fit"] and row["stiffness_share"] == USUAL_STIFFNESS and not row["apex_m"]:
+        log.message(f"{row['gait']} at {row['speed_m_per_s']:g} m/s is not fit to be imitated: {row['reason']}")
 
 
 def finished_cell(path: Path) -> Cell | None:

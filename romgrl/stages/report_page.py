@@ -23,7 +23,7 @@ from romgrl.report.page.strides import stride_average
 from romgrl.report.style import COLORS, WALKER_LABELS
 from romgrl.report.tables import null_models_table
 from romgrl.stages.wiring.artifact_arrays import WALKERS, read_reference, read_table
-from romgrl.stages.wiring.rom import rom_parameters
+from romgrl.stages.wiring.rom import drawn_feet
 
 PAGE_FILE = "report.html"
 SHOWN_STAGES = ("teacher", "reference", *WALKERS, "evaluation")
@@ -58,7 +58,7 @@ def write_page(
     parts = scene.segments(model, skeleton_of(model).right_side)
     html.render_page(
         output / PAGE_FILE,
-        scene=scene.scene(tracks, parts, rom_parameters(config).foot_radius, teacher.dt),
+        scene=scene.scene(tracks, parts, drawn_feet(config), teacher.dt),
         sections=sections,
         title=f"Gait at {config.speed:g} m/s",
         headline=markdown_report.summary(errors, gaits),

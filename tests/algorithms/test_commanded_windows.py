@@ -8,13 +8,12 @@ from typing import Any
 import pytest
 import torch
 
-from romgrl.algorithms.commanded_windows import CellWindows, WindowColumns
+from romgrl.algorithms.commanded_windows import CellWindows
 from romgrl.algorithms.conditioned_discriminator import ConditionedDiscriminator
 from romgrl.algorithms.conditioned_rom_grl import CommandedBuffer
+from romgrl.algorithms.discriminator_health import WATCHED
+from tests.helpers.command_cells import COLUMNS, RUN, WALK, W, asked, cells
 
-RUN, WALK = 0, 1
-GAIT, SPEED = [RUN, RUN, RUN, WALK], [2.0, 3.0, 4.0, 1.0]
-W, COLUMNS = 3, WindowColumns(3, 2)
 SETTINGS: dict[str, Any] = {
     "hidden_sizes": [16],
     "dropout": 0.0,
@@ -29,20 +28,6 @@ SETTINGS: dict[str, Any] = {
 }
 
 
-def cells(**changes: Any) -> CellWindows:
-    """Cell n has windows about 10 n, with a deviation of n + 1."""
-    generator = torch.Generator().manual_seed(0)
-    windows = [10.0 * n + (n + 1) * torch.randn((400, W), generator=generator) for n in range(4)]
-    return CellWindows(windows, GAIT, SPEED, gaits=2, **{"held_out": 0.1, "by_command": True} | changes)
-
-
-def asked(gait: int, *speeds: float) -> torch.Tensor:
-    """Commanded windows of zeros."""
-    rows = torch.zeros((len(speeds), COLUMNS.size))
-    rows[:, W], rows[:, W + 1 + gait], rows[:, -2] = torch.tensor(speeds), 1.0, 1.0
-    return rows
-
-
 def test_statistics_are_straight_between_cells_of_a_gait_and_flat_beyond() -> None:
     made = cells()
     mean, deviation = made.moments(asked(RUN, 1.0, 2.0, 2.25, 4.0, 9.0))
@@ -54,6 +39,30 @@ def test_statistics_are_straight_between_cells_of_a_gait_and_flat_beyond() -> No
     assert made.taught(torch.cat((asked(RUN, 0.0, 2.0), asked(WALK, 0.0, 1.0)))).tolist() == [False, True, False, True]
     together = cells(by_command=False)
     assert torch.equal(together.mean[0], together.mean[3])
+
+
+def test_the_gap_of_the_features_is_in_deviations_of_each_command() -> None:
+    """A deviation off at each command: half of the columns' terms are 1, the others, of equal deviations, 0."""
+    judged = judge()
+    student = judged.real.clone()
+    student[:, :W] += judged.cells.moments(student)[1]
+    values = judged.measures(student)
+    assert values["discriminator_feature_gap"] == pytest.approx(0.5**0.5, rel=0.02)
+    assert judged.measures(judged.real)["discriminator_feature_gap"] < 1e-6
+    assert set(values) < set(WATCHED)
+    assert judged.measures(asked(RUN, 0.0, 0.0)) == {}  # to stand, of which there is no reference
+
+
+def test_accuracies_are_of_the_cells_that_are_meant() -> None:
+    """A network that sees the weight of the first gait alone takes runs for the teacher's, and no walk."""
+    judged = judge()
+    judged.network = torch.nn.Sequential(torch.nn.Linear(W + 3, 1))
+    weights = torch.zeros((1, W + 3))
+    weights[0, W + 1 + RUN] = 2.0
+    judged.network.load_state_dict({"0.weight": weights, "0.bias": torch.tensor([-1.0])})
+    student, runs = torch.cat((asked(RUN, 2.0, 3.0, 3.5), asked(WALK, 1.0))), judged.cells.gait == RUN
+    for among, share in ((runs, 1.0), (~runs, 0.0)):
+        assert [*judged.accuracies_of(student, among).values()] == [share, 0.25]
 
 
 def test_what_is_far_is_another_gait_or_speed() -> None:

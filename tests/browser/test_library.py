@@ -38,6 +38,7 @@ def page_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("library") / "report.html"
     table, arrays = synthetic_library(gaits=("walk", "run"), fallen=(REFUSED,))
     table["foot_radius_m"] = table.gait.map({"walk": 0.07, "run": 0.09})
+    table["roll_over_radius_m"] = table.gait.map({"walk": 0.3, "run": 0.0})
     write_library_page(path, table, arrays)
     return path
 
@@ -93,8 +94,9 @@ def test_keys_and_choices(opened: Page) -> None:
     assert state(opened)[1] == "2 m/s"
     opened.get_by_label("Gait").select_option("walk")
     opened.get_by_label("Stiffness").select_option("0.7")
-    assert opened.evaluate("[line.gait, line.share, scene.foot_radius]") == ["walk", 0.7, 0.07]
-    assert opened.evaluate("choose(lines.find((each) => each.gait === 'run').cells[0]), scene.foot_radius") == 0.09
+    feet = "scene.foot_radius, scene.roll_over_radius"
+    assert opened.evaluate(f"[line.gait, line.share, {feet}]") == ["walk", 0.7, 0.07, 0.3]
+    assert opened.evaluate(f"choose(lines.find((each) => each.gait === 'run').cells[0]), [{feet}]") == [0.09, 0]
     opened.evaluate("choose(lines.find((each) => each.gait === 'walk' && each.share === 0.7).cells[0])")
     visible = opened.locator(".grid.footfall figure:visible figcaption").all_inner_texts()
     assert visible == ["walk, stiffness × 0.7"]

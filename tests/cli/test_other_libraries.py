@@ -83,6 +83,15 @@ def test_what_is_no_finished_library_is_told(asking: Callable[..., Config], tmp_
         assert reason in line, line
 
 
+def test_a_number_is_no_path_without_quotes(compose_config: Composer) -> None:
+    line = only_line(compose_config("stage=library", *RANGE, "library.others=[1]"))
+    assert line == (
+        "library.others: 1 is not allowed; allowed: finished libraries; a path that is a number stands in quotes: "
+        "library.others=['1']"
+    )
+    assert "/1/manifest.json: missing" in only_line(compose_config("stage=library", *RANGE, "library.others=['1']"))
+
+
 def test_other_steps_are_told(asking: Callable[..., Config], tmp_path: Path) -> None:
     runs = write_library(tmp_path / "runs", *synthetic_library())
     line = only_line(asking(runs, more=("reference.steps=400",)))

@@ -18,8 +18,12 @@ from romgrl.stages.wiring.rom import rom_parameters
 from romgrl.stages.wiring.teacher_policy import save_phase_policy
 
 
-def write_cycles(directory: Path, config: Config, move: float = 0.0, **settings: Any) -> Manifest:
-    """Write its artifact. move: of all its parameters; settings: dotted keys of the manifest with __ for each dot."""
+def write_cycles(directory: Path, config: Config, move: float = 0.0, gaits: str = "", **settings: Any) -> Manifest:
+    """Write its artifact.
+
+    move: of all its parameters; gaits: gait.csv, where there is one; settings: dotted keys of the manifest with __ for
+    each dot.
+    """
     directory.mkdir(parents=True)
     gait, speeds = config.teacher.gait, config.teacher.speeds
     unit = np.sqrt(GRAVITY * rom_parameters(config).leg_length)
@@ -27,6 +31,8 @@ def write_cycles(directory: Path, config: Config, move: float = 0.0, **settings:
     mean = CLOCKS[gait].mean + move
     policy = PhasePolicy(np.concatenate([mean, *(np.zeros(len(mean)) for _ in spans)]), gait, spans)
     save_phase_policy(directory / "policy.safetensors", policy)
+    if gaits:
+        (directory / "gait.csv").write_text(gaits, encoding="utf-8")
     made = json.loads(json.dumps(stage_settings("teacher", config)))
     made |= {name.replace("__", "."): value for name, value in settings.items()}
     facts = {"inputs": {}, "versions": {}, "revision": None, "dirty": None, "seed": 0, "wall_time": 1.0}

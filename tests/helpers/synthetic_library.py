@@ -42,7 +42,8 @@ def synthetic_library(
         at |= {"fit": fit, "reason": reason}
         measures = {name: round(0.1 * place + speed + share, 3) for place, name in enumerate(MEASURED_CELLS)}
         measures |= {} if fit else {"multiplier": np.nan, "duty_factor": np.nan}
-        rows.append({**at, **measures, "orbit": "stable", "foot_radius_m": 0.07, "teacher": f"a {gait} by ppo, seed 0"})
+        feet = {"foot_radius_m": 0.07, "roll_over_radius_m": 0.0}
+        rows.append({**at, **measures, "orbit": "stable", **feet, "teacher": f"a {gait} by ppo, seed 0"})
         cells.append(synthetic_cell(speed, share, STEPS if fit else 10))
     arrays = {name: np.stack([cell[name] for cell in cells]) for name in cells[0]}
     return pd.DataFrame(rows), arrays | {"dt": np.array(DT), "channels": np.array(CHANNELS)}

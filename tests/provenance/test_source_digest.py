@@ -215,6 +215,7 @@ EDITED = {
     "../cpp/common/thread_pool.cpp": set(STAGES),
     "../cpp/rom/batch.cpp": ROM_RUNS | {"report"},
     "../cpp/rom/native/kernel.cpp": ROM_RUNS | {"report"},
+    "../cpp/rom/native/contact.hpp": ROM_RUNS | {"report"},
     "../cpp/humanoid/planar_bodies.cpp": HUMANOID_RUNS,
 }  # which stages are made again when a file is edited, by hand
 

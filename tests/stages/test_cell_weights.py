@@ -13,8 +13,8 @@ from romgrl.algorithms.conditioned_rom_grl import ConditionedRomGrl
 from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages.conditioned.cells import CommandCells, read_command_cells
 from romgrl.stages.conditioned.grid_check import GridChecks
-from tests.algorithms.test_commanded_windows import RUN, WALK, asked, cells
 from tests.conftest import Composer
+from tests.helpers.command_cells import RUN, WALK, asked, cells
 from tests.helpers.commanded import commanded, small_library
 
 RIGHT = {"falls": 0.0, "cadence_error_percent": 0.0, "error_over_variance": 0.1}

@@ -114,6 +114,18 @@ def test_its_key_is_that_of_the_contents_wherever_they_lie(compose_config: Compo
         key(other)
 
 
+def test_a_teacher_that_fell_in_each_of_its_checks_is_refused_before_any_work(
+    compose_config: Composer, tmp_path: Path
+) -> None:
+    walking = compose_config("teacher=variable_walking")
+    for name, falls in {"fell": (100, 100), "stood": (100, 99)}.items():
+        rows = "".join(f"teacher at {speed} m/s,100,{fell}\n" for speed, fell in zip((0.75, 1.5), falls, strict=True))
+        write_cycles(tmp_path / name, walking, gaits=f"walker,episodes,falls\n{rows}")
+    (line,) = faults([*asking(tmp_path / "fell")])
+    assert line.startswith(f"teacher.cycles: {tmp_path / 'fell'} is not allowed; allowed: a teacher that stands in an ")
+    assert faults([*asking(tmp_path / "stood")]) == []
+
+
 def test_what_does_not_fit_gets_one_line(compose_config: Composer, cycles: Path, tmp_path: Path) -> None:
     """Each time the key, the path, and what is allowed."""
     walking = compose_config("teacher=variable_walking")
@@ -145,6 +157,7 @@ def test_what_does_not_fit_gets_one_line(compose_config: Composer, cycles: Path,
     (line,) = faults([*asking(tmp_path / ("x" * 300))])
     assert line.endswith(f" is not allowed; allowed: {finished}File name too long)")
     assert faults([*asking(tmp_path / "old")]) == []
+    assert len(faults([*asking(Path("/no/such/place"), share=0.0)])) == 1
     assert faults([*asking(cycles, "teacher.speeds=[0.5,1]")]) == []
     for share, path, line in ((0.0, cycles, "more than 0 with"), (0.5, "null", "0 without")):
         (found_line,) = faults([*asking(Path(path), share=share)])

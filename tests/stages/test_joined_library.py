@@ -13,7 +13,8 @@ from romgrl.artifacts import load_arrays
 from romgrl.config.schema import Config
 from romgrl.errors import ArtifactError
 from romgrl.gait.features import CHANNELS
-from romgrl.report.library_table import library_metrics, library_tables
+from romgrl.provenance.stage_graph import STAGES
+from romgrl.report.library_table import library_metrics
 from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import library
 from romgrl.stages.wiring.rom import rom_parameters
@@ -37,8 +38,8 @@ def joined(compose_config: Composer, tmp_path: Path, monkeypatch: pytest.MonkeyP
     """A library of two runs beside twelve cells of two other libraries, one of them without the newest columns."""
     walks, walked = synthetic_library(gaits=("walk",), fallen=(4,))
     hops, hopped = synthetic_library(gaits=("hop",))
-    walks["foot_radius_m"] = 0.09
-    hops = hops.drop(columns=["foot_radius_m", "teacher", "multiplier", "orbit"])
+    walks["foot_radius_m"], walks["roll_over_radius_m"] = 0.09, 0.4
+    hops = hops.drop(columns=["foot_radius_m", "roll_over_radius_m", "teacher", "multiplier", "orbit"])
     others = [
         write_library(tmp_path / "walks", walks, walked),
         write_library(tmp_path / "hops", hops, hopped, config={"teacher.algorithm": "cmaes", "rom.foot_radius": None}),
@@ -71,6 +72,7 @@ def test_cells_of_others_come_after_its_own(joined: Path, compose_config: Compos
     assert table.fit.sum() == 13
     assert np.isnan(table.multiplier[8:]).all()
     radius = rom_parameters(compose_config(*RUN)).foot_radius
+    assert table.roll_over_radius_m.tolist() == [0.0] * 2 + [0.4] * 6 + [0.0] * 6
     assert table.foot_radius_m.tolist() == pytest.approx([radius] * 2 + [0.09] * 6 + [radius] * 6)
 
 
@@ -80,12 +82,15 @@ def test_page_atlas_and_table_have_all_gaits(joined: Path) -> None:
     assert [line["gait"] for line in data["scene"]["lines"]] == ["hop", "run", "walk", "hop", "walk"]
     assert len(data["scene"]["walkers"]) == 13
     assert {round(cell["foot_radius"], 4) for cell in data["scene"]["cells"][2:8]} == {0.09}
+    assert [cell["roll_over_radius"] for cell in data["scene"]["cells"]] == [0.0] * 2 + [0.4] * 6 + [0.0] * 6
     assert '<select id="gait"><option>hop</option><option>run</option><option>walk</option></select>' in text
     assert "13 of 14 cells (hop: 6 of 6, run: 2 of 2, walk: 5 of 6)" in text
     teachers = "a run by ppo on variable_leg, seed 0, artifact 0123456789abcdef; a walk by ppo, seed 0"
     assert f"Teachers: {teachers}; a hop by cmaes, seed 3, library fedcba9876543210." in text
     assert (joined / "gait_atlas.png").stat().st_size > 10_000
-    (shown,) = library_tables(joined)
+    (shown,) = STAGES["library"].shown(joined, asked=True)
+    line = f"library: 13 of 14 cells are fit to be imitated, see {joined / 'report.html'}"
+    assert STAGES["library"].shown(joined, asked=False) == [line]
     assert [*shown.columns[0].cells] == ["run"] * 2 + ["walk"] * 6 + ["hop"] * 6
     assert library_metrics(joined)["cells"] == 14.0
 

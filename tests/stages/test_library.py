@@ -83,7 +83,9 @@ def workspace(tmp_path: Path) -> Path:
 def test_refused_cells_stay_in_the_table_with_the_reason(falling: tuple[Config, Path], tmp_path: Path) -> None:
     config, teacher = falling
     output = workspace(tmp_path)
-    library.run(config, {"teacher": teacher}, output, SilentLog())
+    library.run(config, {"teacher": teacher}, output, log := SilentLog())
+    told = [line for line in log.messages if "m/s is not fit to be imitated: the reference falls: in" in line]
+    assert [line[:15] for line in told] == ["run at 3 m/s is", "run at 3.25 m/s"]  # on legs that are taught
     table, arrays = pd.read_csv(output / "library.csv"), load_arrays(output / "library.npz")
     assert table[["speed_m_per_s", "stiffness_share"]].to_numpy().tolist() == [list(pair) for pair in asked(config)]
     assert not table.fit.any()

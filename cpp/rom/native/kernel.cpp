@@ -2,6 +2,8 @@
 // CMakeLists.txt): every instruction set gives the same bits.
 #include <cmath>
 
+#include "rom/native/contact.hpp"
+#include "rom/native/leg.hpp"
 #include "rom/native/native.hpp"
 
 // One copy of a function per instruction set, chosen when the module is loaded.
@@ -10,58 +12,9 @@
 #else
 #define ROMGRL_CLONES
 #endif
-#define ROMGRL_INLINE __attribute__((always_inline)) inline
 
 namespace romgrl {
 namespace {
-
-constexpr double kPi = 3.14159265358979323846;
-
-ROMGRL_INLINE double larger(double a, double b) { return a > b ? a : b; }
-ROMGRL_INLINE double smaller(double a, double b) { return a < b ? a : b; }
-ROMGRL_INLINE double clamped(double value, double low, double high) { return smaller(larger(value, low), high); }
-
-// Angle of the unit vector (cosine, sine): twice the arctangent of the half angle's tangent, which is in [0, 1] in the
-// right half plane. The polynomial is a Chebyshev fit of atan(t) / t in t^2: the angle's error is below 2e-10 rad.
-ROMGRL_INLINE double angle_of(double cosine, double sine) {
-    const double t = std::fabs(sine) / (1.0 + std::fabs(cosine));
-    const double s = t * t;
-    double p = -0.0006804973376892177;
-    p = p * s + 0.004827228128556806;
-    p = p * s - 0.0160551614781314;
-    p = p * s + 0.034133424113205205;
-    p = p * s - 0.05421530938017452;
-    p = p * s + 0.0724228419757871;
-    p = p * s - 0.08979051070501506;
-    p = p * s + 0.1109298479297178;
-    p = p * s - 0.14283948422103546;
-    p = p * s + 0.19999909957098133;
-    p = p * s - 0.33333331518201503;
-    p = p * s + 0.9999999999390128;
-    const double right = 2.0 * t * p;
-    return std::copysign(cosine < 0.0 ? kPi - right : right, sine);
-}
-
-struct Leg {
-    double length, inverse_lever, along_x, along_y, rate, angle, angle_rate;
-    bool contact;
-};
-
-ROMGRL_INLINE Leg look(const NativeConstants& c, const Group& g, const Body& foot, int n) {
-    const double dx = foot.x[n] - g.trunk.x[n], dy = foot.y[n] - g.trunk.y[n];
-    const double vx = foot.vx[n] - g.trunk.vx[n], vy = foot.vy[n] - g.trunk.vy[n];
-    Leg leg;
-    leg.length = std::sqrt(dx * dx + dy * dy);
-    const double inverse = 1.0 / larger(leg.length, 1e-30);
-    leg.inverse_lever = smaller(inverse, c.inverse_shortest_lever);
-    leg.along_x = dx * inverse;
-    leg.along_y = leg.length > 0.0 ? dy * inverse : -1.0;
-    leg.rate = leg.along_x * vx + leg.along_y * vy;
-    leg.angle = angle_of(-leg.along_y, leg.along_x);
-    leg.angle_rate = (leg.along_x * vy - leg.along_y * vx) * leg.inverse_lever;
-    leg.contact = foot.y[n] <= c.arc.touch(leg.along_y);
-    return leg;
-}
 
 // The damper is beside the spring, so that it moves with the rest length.
 ROMGRL_INLINE double axial_force(const NativeConstants& c, const Leg& leg, double stiffness, double rest, double rest_rate,
@@ -114,54 +67,6 @@ ROMGRL_INLINE double stop_torque(const NativeConstants& c, const Leg& leg, doubl
     const double outward = std::copysign(1.0, hip) * (leg.angle_rate - rate);
     const double push = larger(c.stop_stiffness * excess + c.stop_damping * outward, 0.0);
     return excess > 0.0 ? std::copysign(push * leg.length * leg.length, -hip) : 0.0;
-}
-
-// Velocities of a foot: forces, then the contact; tells if the leg passes one of its stops on either.
-ROMGRL_INLINE bool move_foot(const NativeConstants& c, const Body& trunk, LegLanes& lanes, LegScratch& s,
-                             const Leg& leg, double fx, double fy, int n) {
-    const double vx = lanes.foot.vx[n] + c.dt * c.foot_inverse_mass * fx;
-    const double vy = lanes.foot.vy[n] + c.dt * c.foot_inverse_mass * fy - c.foot_fall;
-    const double normal = leg.contact ? larger(-vy, 0.0) : 0.0;  // impulses per foot mass
-    const double grip = c.friction * normal;
-    const double held_vx = vx + clamped(-vx, -grip, grip), held_vy = vy + normal;
-    const double along = leg.along_x * trunk.vx[n] + leg.along_y * trunk.vy[n];
-    const double before = leg.length + c.dt * (leg.along_x * vx + leg.along_y * vy - along);
-    const double after = leg.length + c.dt * (leg.along_x * held_vx + leg.along_y * held_vy - along);
-    lanes.foot.vx[n] = held_vx;
-    lanes.foot.vy[n] = held_vy;
-    lanes.ground_impulse[n] += normal;
-    s.free_vx[n] = vx;
-    s.free_vy[n] = vy;
-    s.along_x[n] = leg.along_x;
-    s.along_y[n] = leg.along_y;
-    s.length[n] = leg.length;
-    s.contact[n] = leg.contact ? 1.0 : 0.0;
-    return (smaller(before, after) < c.shortest) | (larger(before, after) > c.longest);
-}
-
-// The same where feet roll: the trunk moves, too, so that the stops come after both feet. Each meets the trunk as it was
-// before both (what is missing comes in the next substep). Returns the change of the trunk's velocity against t.
-ROMGRL_INLINE double roll_foot(const NativeConstants& c, const Body& trunk, LegLanes& lanes, LegScratch& s, const Leg& leg,
-                             double fx, double fy, int n) {
-    const double vx = lanes.foot.vx[n] + c.dt * c.foot_inverse_mass * fx;
-    const double vy = lanes.foot.vy[n] + c.dt * c.foot_inverse_mass * fy - c.foot_fall;
-    const double across = leg.along_x * (vy - trunk.vy[n]) - leg.along_y * (vx - trunk.vx[n]);
-    const ArcImpulse given = arc_impulse(c.arc, leg.along_x, leg.along_y, leg.inverse_lever, leg.contact, vx, vy, across);
-    const double turn_x = -given.across * leg.along_y, turn_y = given.across * leg.along_x;
-    lanes.foot.vx[n] = vx + given.tangent + turn_x;
-    lanes.foot.vy[n] = vy + given.normal + turn_y;
-    lanes.ground_impulse[n] += given.normal;
-    s.along_x[n] = leg.along_x;
-    s.along_y[n] = leg.along_y;
-    s.length[n] = leg.length;
-    s.lift[n] = lift(c.arc.touch(leg.along_y) - lanes.foot.y[n]);
-    return c.arc.mass_ratio * given.across;
-}
-
-ROMGRL_INLINE bool passes_stop(const NativeConstants& c, const Body& trunk, const Body& foot, const Leg& leg, int n) {
-    const double rate = leg.along_x * (foot.vx[n] - trunk.vx[n]) + leg.along_y * (foot.vy[n] - trunk.vy[n]);
-    const double length = leg.length + c.dt * rate;
-    return (length < c.shortest) | (length > c.longest);
 }
 
 // See Walker::update_shortening: per stiffness.
@@ -259,35 +164,14 @@ void stop(const NativeConstants& c, const Scratch& s, int n, Group& g, WorkLanes
     work.positive_hip[n] += positive_change;
 }
 
-// Tells if the position of this foot needs more than the one correction that it got.
-ROMGRL_INLINE bool move(const NativeConstants& c, const Body& trunk, Body& foot, LegScratch& s, int n) {
-    foot.x[n] += c.dt * foot.vx[n];
-    const double y = foot.y[n] + c.dt * foot.vy[n];
-    s.free_y[n] = y;
-    const double below = c.foot_radius - y;
-    foot.y[n] = y + s.contact[n] * lift(below);
-    const double dx = foot.x[n] - trunk.x[n], dy = foot.y[n] - trunk.y[n];
-    const double square = dx * dx + dy * dy;
-    return (s.contact[n] * below > 3.0 * kSlop) | (square < c.shortest * c.shortest) | (square > c.longest * c.longest);
-}
-
-// The same where feet roll, whose corrections come after the stops.
-ROMGRL_INLINE bool roll(const NativeConstants& c, const Body& trunk, Body& foot, LegScratch& s, int n) {
-    foot.x[n] += c.dt * foot.vx[n];
-    const double y = foot.y[n] + c.dt * foot.vy[n];
-    s.free_y[n] = y;
-    foot.y[n] = y + s.lift[n];
-    const double dx = foot.x[n] - trunk.x[n], dy = y - trunk.y[n], square = dx * dx + dy * dy;
-    return (square < c.shortest * c.shortest) | (square > c.longest * c.longest);
-}
-
 template <bool kRolls>
 ROMGRL_INLINE void update_positions(const NativeConstants& c, Group& g, Scratch& s, int n) {
     g.trunk.x[n] += c.dt * g.trunk.vx[n];
     g.trunk.y[n] += c.dt * g.trunk.vy[n];
     g.angle[n] += c.dt * g.rate[n];
-    const bool a_stop = kRolls ? roll(c, g.trunk, g.leg[0].foot, s.leg[0], n) : move(c, g.trunk, g.leg[0].foot, s.leg[0], n);
-    const bool b_stop = kRolls ? roll(c, g.trunk, g.leg[1].foot, s.leg[1], n) : move(c, g.trunk, g.leg[1].foot, s.leg[1], n);
+    Body &a = g.leg[0].foot, &b = g.leg[1].foot;
+    const bool a_stop = kRolls ? place_rolling_foot(c, g.trunk, a, s.leg[0], n) : place_foot(c, g.trunk, a, s.leg[0], n);
+    const bool b_stop = kRolls ? place_rolling_foot(c, g.trunk, b, s.leg[1], n) : place_foot(c, g.trunk, b, s.leg[1], n);
     s.stopped[n] = (a_stop | b_stop) ? 1.0 : 0.0;
 }
 

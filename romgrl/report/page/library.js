@@ -75,6 +75,7 @@ function choose(number) {
   line = lines.find((each) => each.cells.includes(cell));
   const { goal, fit, said, numbers } = cells[cell];
   scene.foot_radius = cells[cell].foot_radius;
+  scene.roll_over_radius = cells[cell].roll_over_radius;
   const rank = line.cells.indexOf(cell);
   byId("cells").max = line.cells.length - 1;
   byId("cells").value = rank;

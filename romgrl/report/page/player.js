@@ -7,6 +7,7 @@ const walkers = scene.walkers;
 const byId = (id) => document.getElementById(id);
 const canvas = byId("stage");
 const PACES = [0.1, 0.25, 0.5, 1, 2];
+const SOLE = Math.PI / 6; // half of the arc that a foot rolls on, as rom/drawing.py draws it
 let playing = false;
 let before = null;
 let advance = () => {}; // what so many seconds of the clock do
@@ -53,8 +54,10 @@ function drawModel(context, pose, view, tone) {
     context.strokeStyle = context.fillStyle = foot ? mixed(tone) : tone;
     context.lineWidth = 2.5;
     spring(context, hipX, hipY, x, y, 0.03 * view.scale);
+    if (scene.roll_over_radius) drawSole(context, hipX, hipY, x, y, view.scale);
+    const ankle = scene.roll_over_radius ? 0.5 : 1; // above the sole
     context.beginPath();
-    context.arc(x, y, scene.foot_radius * view.scale, 0, 2 * Math.PI);
+    context.arc(x, y, ankle * scene.foot_radius * view.scale, 0, 2 * Math.PI);
     if (pose.contact[foot]) context.fill();
     context.stroke();
   }
@@ -62,6 +65,16 @@ function drawModel(context, pose, view, tone) {
   context.beginPath();
   context.arc(hipX, hipY, 0.06 * view.scale, 0, 2 * Math.PI);
   context.fill();
+}
+
+// The arc that a foot rolls on, rigid with the leg, as far below the leg's end as it is high.
+function drawSole(context, hipX, hipY, x, y, scale) {
+  const length = Math.hypot(x - hipX, y - hipY) || 1;
+  const above = ((scene.roll_over_radius - scene.foot_radius) * scale) / length;
+  const down = Math.atan2(y - hipY, x - hipX);
+  context.beginPath();
+  context.arc(x - above * (x - hipX), y - above * (y - hipY), scene.roll_over_radius * scale, down - SOLE, down + SOLE);
+  context.stroke();
 }
 
 function spring(context, x0, y0, x1, y1, amplitude) {

@@ -117,8 +117,13 @@ def humanoid_points(model: Any, states: Floats) -> tuple[Floats, Floats]:
     return points.reshape(len(states), -1, 2), x
 
 
-def scene(tracks: Mapping[str, Track], parts: list[DrawnSegment], foot_radius: float, dt: float) -> dict[str, Any]:
-    """All that the player needs, for JSON. Arrays are 16-bit integers, base64: points and x in millimetres."""
+def scene(
+    tracks: Mapping[str, Track], parts: list[DrawnSegment], feet: Mapping[str, float], dt: float
+) -> dict[str, Any]:
+    """All that the player needs, for JSON; feet: foot_radius and roll_over_radius of the model, m.
+
+    Arrays are 16-bit integers, base64: points and x in millimetres.
+    """
     walkers = {
         name: recording(track.points, track.x, track.contact, track.strides, track.offset)
         for name, track in tracks.items()
@@ -128,7 +133,7 @@ def scene(tracks: Mapping[str, Track], parts: list[DrawnSegment], foot_radius: f
         "steps": max(track.end for track in tracks.values()),
         "first": max(track.offset for track in tracks.values()),
         "segments": [[round(part.radius, 4), int(part.far)] for part in parts],
-        "foot_radius": foot_radius,
+        **feet,
         "walkers": walkers,
     }
 

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 from torch import Tensor
 
 from romgrl.algorithms.conditioned_discriminator import ConditionedDiscriminator
@@ -103,9 +102,11 @@ class CommandWatch:
             if int(inside.sum()) < FEWEST_WINDOWS or not bool(among.any()):
                 continue
             values = discriminator.measures_of(windows[inside], among)
+            if not values:
+                continue
             task, imitation = float(pay[inside].mean()), float(rewards[inside].mean())
             total = learner.eta * task + (1 - learner.eta) * imitation
-            values |= told_apart(discriminator, windows[inside], among)
+            values |= discriminator.accuracies_of(windows[inside], among)
             values |= {
                 "imitation_reward": imitation,
                 "imitation_share": (1 - learner.eta) * imitation / max(total, 1e-6),
@@ -142,15 +143,3 @@ class CommandWatch:
         for number in range(len(self._rows)):
             flat = np.reshape(state["bands"][f"band_{number}"], (-1, len(names))).tolist()
             self._rows[number] = [dict(zip(names, row, strict=True)) for row in flat]
-
-
-@torch.no_grad()
-def told_apart(discriminator: ConditionedDiscriminator, windows: Tensor, among: Tensor) -> dict[str, float]:
-    """Shares of clean windows that are told: of the references of cells `among` (C,), and of the student's."""
-    discriminator.network.eval()
-    real = discriminator.logits(discriminator.real[among[discriminator.cells.real_cell]])
-    fake = discriminator.logits(windows)
-    return {
-        "discriminator_accuracy_teacher": float((real > 0).float().mean()),
-        "discriminator_accuracy_student": float((fake < 0).float().mean()),
-    }

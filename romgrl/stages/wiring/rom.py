@@ -41,3 +41,12 @@ def rom_parameters(config: Config) -> Any:
     if refused:
         raise ConfigurationError("\n".join(refused))
     return parameters
+
+
+def drawn_feet(config: Config) -> dict[str, float]:
+    """What the player draws of the model's feet, m: foot_radius and, 0 where they do not roll, roll_over_radius."""
+    parameters = rom_parameters(config)
+    return {
+        "foot_radius": float(parameters.foot_radius),
+        "roll_over_radius": float(getattr(parameters, "roll_over_radius", 0.0)),
+    }
