@@ -6,6 +6,7 @@ let cell = scene.start;
 let line = lineOf(cell);
 let tellCell = () => {}; // what a page says of the cell that was just chosen
 let drawWalks = () => {}; // how a page draws its walkers
+let clock = () => 0; // where the charts over time are, s
 
 function lineOf(number) {
   return lines.find((each) => each.cells.includes(number));
@@ -84,7 +85,7 @@ function show() {
     context.fillText("no steady stretch to play", width / 2, height / 2);
     context.textAlign = "start";
   }
-  placeCursors(0);
+  placeCursors(clock());
 }
 
 // A ring at the cell of a chart over what is asked for, a dot at the moment of a footfall diagram.
