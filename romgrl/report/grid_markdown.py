@@ -62,7 +62,7 @@ def grid_setting(tables: GridTables, seed: int) -> str:
 def ramp_said(strides: RampStrides) -> str:
     """How the ramp went."""
     top, end = float(strides.asked.max()), float(strides.time[-1])
-    asked = f"Asked from {strides.asked[0]:g} to {top:g} and back to {strides.asked[-1]:g} m/s in {end:.0f} s, it"
+    asked = f"Asked from {strides.asked[0]:g} to {top:g} and back to {strides.asked[-1]:.2g} m/s in {end:.0f} s, it"
     if strides.fell:
         at = strides.time[strides.upright]
         return f"{asked} fell after {at:.1f} s, at {strides.asked[strides.upright]:.2f} m/s."

@@ -119,7 +119,7 @@ def ramp_poster(
         plot.set_axis_off()
     draw_strips([figure.add_subplot(grid[row, :]) for row in (1, 2, 3)], strides)
     top = float(strides.asked.max())
-    title = f"One policy, asked from {strides.asked[0]:g} to {top:g} and back to {strides.asked[-1]:g} m/s"
+    title = f"One policy, asked from {strides.asked[0]:g} to {top:g} and back to {strides.asked[-1]:.2g} m/s"
     figure.suptitle(title, fontsize=12, x=0.01, ha="left", color=INK)
     return figure
 

@@ -34,7 +34,7 @@ NEIGHBORS = {
 }
 
 
-def write_grid_report(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog) -> None:
+def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog) -> None:
     """Write report.html, the figures (PNG and PDF), the film of the ramp and report.md."""
     model = configured(config.humanoid)
     arrays = read_recordings(inputs["evaluation"], model.nq + model.nv, 1.0 / config.humanoid.control_frequency)
