@@ -11,8 +11,8 @@ from romgrl.config.schema import Config
 from romgrl.config.values import refusal, show, value_of
 from romgrl.errors import RomgrlError
 
-FOLLOWED = ("teacher", "reference", "library", "student", "baseline", "sync")
-"""The values of `stage` that a conditioned student has; its evaluation over the grid of commands will be one more."""
+FOLLOWED = ("teacher", "reference", "library", "student", "baseline", "evaluation", "sync")
+"""The values of `stage` that a conditioned student has."""
 OF_ONE_SPEED = {
     "student.pretrained": False,
     "student.adapt_eta": False,
@@ -34,7 +34,7 @@ TAUGHT_KEYS = (
 
 
 def conditioned_student(config: Config) -> Iterator[str]:
-    """A student that follows commands is made, but not yet evaluated, exported or watched; none ships."""
+    """A student that follows commands is made and evaluated, but not yet reported, exported or watched; none ships."""
     if not is_conditioned(config):
         return
     where = f"with student.kind={config.student.kind}"
@@ -65,7 +65,12 @@ def taught_by_library(config: Config) -> Iterator[str]:
     elif not taught:
         speeds = ", ".join(f"{speed:g}" for _, speed in usual)
         yield refusal("student.taught_step", student.taught_step, f"a step with multiples among {speeds} m/s")
-    elif config.stage == "student" and config.discriminator.enabled and config.eta < 1 and student.mismatched_share:
+    elif (
+        config.stage in ("student", "evaluation")
+        and config.discriminator.enabled
+        and config.eta < 1
+        and student.mismatched_share
+    ):
         reach = min(max(10.0 if a != b else abs(v - w) for b, w in taught) for a, v in taught)
         if reach < student.mismatch_distance - 1e-6:
             permitted = f"at most {reach:g} m/s, how far each cell of the library has another; or mismatched_share 0"
@@ -84,3 +89,6 @@ def usual_cells(config: Config) -> list[tuple[str, float]]:
         library = read_library(Path(place), steps=config.reference.steps, dt=1.0 / config.humanoid.control_frequency)
         cells += cells_of(library.table[library.table.fit])
     return [(cell.gait, cell.speed) for cell in cells if cell.share == USUAL_STIFFNESS and not cell.apex]
+
+
+CONDITIONED_CHECKS = ((CONDITIONED_KEYS, conditioned_student), (TAUGHT_KEYS, taught_by_library))

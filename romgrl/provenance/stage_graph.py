@@ -24,7 +24,8 @@ class Stage:
     module:function from its directory to numbers of a run, and to what ends a job on the terminal. `beside`: what ships
     trained and is compared with. `drawn`: it makes pictures. `optional`: it is made only where it is asked for by name,
     or read. `fetched`: it may come from a tracking server, which no code is taken from. `conditioned`: the stages that
-    it reads in place of `upstream` where the student is conditioned; None: it knows of no such student.
+    it reads in place of `upstream` where the student is conditioned; None: it knows of no such student. `commanded`,
+    `asked_of`: what makes it and what it depends on there, in place of `function` and `depends`, where these differ.
     """
 
     doc: str
@@ -40,6 +41,16 @@ class Stage:
     optional: bool = False
     fetched: bool = True
     conditioned: tuple[str, ...] | None = None
+    commanded: str | None = None
+    asked_of: tuple[str, ...] | None = None
+
+    def made_by(self, *, conditioned: bool) -> str:
+        """The module:function that makes it, with a student that is conditioned or not."""
+        return self.commanded if conditioned and self.commanded is not None else self.function
+
+    def depends_on(self, *, conditioned: bool) -> tuple[str, ...]:
+        """Keys and groups that change what it makes, with a student that is conditioned or not."""
+        return self.asked_of if conditioned and self.asked_of is not None else self.depends
 
     def reads(self, *, conditioned: bool) -> tuple[str, ...]:
         """The stages that it reads, with a student that is conditioned or not."""
@@ -96,10 +107,20 @@ STAGES: dict[str, Stage] = {
             "distances.csv": ("distance", "channel"),
             "gait.csv": ("walker",),
             "null_models.csv": ("measure", "channel", "walker"),
+            "grid.csv": ("gait", "speed_m_per_s", "walker"),
+            "confusion.csv": ("walker", "asked"),
+            "transitions.csv": ("transition", "walker"),
+            "ramp.csv": ("direction", "asked_m_per_s", "walker"),
         },
-        metrics="romgrl.report.terminal_tables:result_metrics",
-        printed="romgrl.report.terminal_tables:result_tables",
+        metrics="romgrl.report.grid_tables:evaluation_metrics",
+        printed="romgrl.report.grid_tables:evaluation_tables",
         beside=("teacher",),
+        conditioned=("library", "student", "baseline"),
+        commanded="romgrl.stages.grid_evaluation:run",
+        asked_of=(
+            *("evaluation", "humanoid", "reference", "seed"),
+            *("student.kind", "student.alpha", "student.taught_step", "student.standing_share"),
+        ),
     ),
     "report": Stage(
         "page, tables, figures and films",
