@@ -6,12 +6,19 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from romgrl.cli.other_libraries import OTHER_LIBRARIES_KEYS
-from romgrl.config.commanded import USUAL_STIFFNESS, conditioned_keys, is_conditioned, is_taught, needs_library
+from romgrl.config.commanded import (
+    GRID_STAGES,
+    USUAL_STIFFNESS,
+    conditioned_keys,
+    is_conditioned,
+    is_taught,
+    needs_library,
+)
 from romgrl.config.schema import Config
 from romgrl.config.values import refusal, show, value_of
 from romgrl.errors import RomgrlError
 
-FOLLOWED = ("teacher", "reference", "library", "student", "baseline", "evaluation", "sync")
+FOLLOWED = ("teacher", "reference", "library", "student", "baseline", *GRID_STAGES, "sync")
 """The values of `stage` that a conditioned student has."""
 OF_ONE_SPEED = {
     "student.pretrained": False,
@@ -34,7 +41,7 @@ TAUGHT_KEYS = (
 
 
 def conditioned_student(config: Config) -> Iterator[str]:
-    """A student that follows commands is made and evaluated, but not yet reported, exported or watched; none ships."""
+    """A student that follows commands is made, evaluated and reported, but not exported or watched; none ships."""
     if not is_conditioned(config):
         return
     where = f"with student.kind={config.student.kind}"
@@ -66,7 +73,7 @@ def taught_by_library(config: Config) -> Iterator[str]:
         speeds = ", ".join(f"{speed:g}" for _, speed in usual)
         yield refusal("student.taught_step", student.taught_step, f"a step with multiples among {speeds} m/s")
     elif (
-        config.stage in ("student", "evaluation")
+        config.stage in ("student", *GRID_STAGES)
         and config.discriminator.enabled
         and config.eta < 1
         and student.mismatched_share

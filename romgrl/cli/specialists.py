@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from romgrl.config.commanded import EPISODE_SECONDS, is_conditioned
+from romgrl.config.commanded import EPISODE_SECONDS, GRID_STAGES, is_conditioned
 from romgrl.config.schema import Config
 from romgrl.config.values import refusal
 from romgrl.errors import RomgrlError
@@ -26,7 +26,7 @@ def specialists(config: Config) -> Iterator[str]:
             places,
             f"null with student.kind={config.student.kind}: they stand beside one of every speed",
         )
-    elif config.stage == "evaluation":
+    elif config.stage in GRID_STAGES:
         from romgrl.report.specialists import read_specialist
 
         for place in places:
@@ -41,7 +41,7 @@ def specialists(config: Config) -> Iterator[str]:
 def window_of_a_cell(config: Config) -> Iterator[str]:
     """What is scored at a cell fits into its episodes."""
     steps = round(EPISODE_SECONDS * config.humanoid.control_frequency)
-    if is_conditioned(config) and config.stage == "evaluation" and config.evaluation.window > steps:
+    if is_conditioned(config) and config.stage in GRID_STAGES and config.evaluation.window > steps:
         permitted = f"at most {steps}, the steps of {EPISODE_SECONDS:g} s, with student.kind={config.student.kind}"
         yield refusal("evaluation.window", config.evaluation.window, permitted)
 

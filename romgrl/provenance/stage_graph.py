@@ -128,6 +128,9 @@ STAGES: dict[str, Stage] = {
         ("teacher", "reference", "student", "baseline", "evaluation"),
         ("rom", "teacher", "evaluation", "humanoid", "student.alpha", "speed", "eta", "noise", "seed"),
         drawn=True,
+        conditioned=("library", "student", "baseline", "evaluation"),
+        commanded="romgrl.stages.grid_report:run",
+        asked_of=("evaluation", "humanoid", "reference", "student.kind", "student.taught_step", "seed"),
     ),
     "robustness": Stage(
         "fall rates under pushes, noise, other masses and grounds",
@@ -168,9 +171,11 @@ ACTIONS = {
 }  # other values of `stage`, which make no artifact
 
 
-def wanted(stage: str) -> list[str]:
-    """The stages that a value of `stage` asks for."""
-    return [name for name, each in STAGES.items() if not each.optional] if stage == "all" else [stage]
+def wanted(stage: str, *, conditioned: bool = False) -> list[str]:
+    """The stages that a value of `stage` asks for; all that know of a student that is conditioned where it is."""
+    if stage != "all":
+        return [stage]
+    return [n for n, each in STAGES.items() if not each.optional and (each.conditioned is not None or not conditioned)]
 
 
 def plan(targets: Iterable[str], present: Callable[[str], bool], *, conditioned: bool = False) -> list[str]:

@@ -22,7 +22,7 @@ SEARCHED = ("all", "evaluation", "teacher")  # values of `stage` whose jobs have
 def objective_names(stage: str, kind: str = ONE_SPEED) -> list[str]:
     """The names of the numbers that jobs of a value of `stage` can have, with a kind of student; none for those that
     have none."""
-    if kind != ONE_SPEED and stage == "evaluation":
+    if kind != ONE_SPEED and stage in ("all", "evaluation"):
         return grid_names()
     if stage == "teacher":
         return [f"teacher/{measure}" for measure in MEASURES]

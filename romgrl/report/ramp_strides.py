@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from romgrl.gait.command_following import running_mean
 from romgrl.gait.features import Bools, Floats
 from romgrl.gait.footfall import FOOTFALLS
+from romgrl.gait.gait_classes import RUNS_BELOW
 from romgrl.gait.metrics import touchdowns
 
-RUNS_BELOW = 0.5
-"""Duty factor."""
 LEAST_STRIDE = 0.3
 """s: what lands sooner has bounced."""
 SPEED, FIRST_WEIGHT = 0, 1
@@ -78,7 +78,7 @@ def ramp_strides(arrays: Mapping[str, NDArray[Any]]) -> RampStrides:
     command, names = arrays["ramp_command"], [str(gait) for gait in arrays["gaits"]]
     upright = len(valid) if valid.all() else int(np.argmin(valid))
     held = np.full(len(valid), np.nan)
-    held[:upright] = centred_mean(arrays["ramp_velocity"][:upright].astype(float), round(MEAN_SECONDS / dt))
+    held[:upright] = running_mean(arrays["ramp_velocity"][:upright].astype(float), round(MEAN_SECONDS / dt))
     contact = arrays["ramp_contact"][:upright].astype(bool)
     steps = stride_steps(contact[:, 0], dt)
     pairs = list(pairwise(steps))
@@ -122,11 +122,3 @@ def gait_of_stride(contact: Bools, landed: NDArray[np.int64]) -> str:
     if off[nearest] <= FOOTFALLS[nearest].off and off[nearest] < 0.5 - phase:
         return nearest
     return "run" if contact.mean() < RUNS_BELOW else "walk"
-
-
-def centred_mean(values: Floats, width: int) -> Floats:
-    """Mean of (T,) over `width` steps around each, fewer at both ends."""
-    ones, there = np.ones(max(1, width)), np.ones(len(values))
-    first = (len(ones) - 1) // 2
-    total, count = (np.convolve(each, ones)[first : first + len(values)] for each in (values, there))
-    return np.asarray(total / count)

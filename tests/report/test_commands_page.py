@@ -14,16 +14,19 @@ import pytest
 from matplotlib.figure import Figure
 
 from romgrl.artifacts import save_arrays
+from romgrl.cli.conditioned_students import conditioned_student
 from romgrl.config.schema import Config
 from romgrl.errors import ArtifactError
 from romgrl.humanoid.model import build, configured
 from romgrl.humanoid.rendering import RenderingError
+from romgrl.provenance.stage_graph import plan, wanted
+from romgrl.provenance.stage_keys import stage_function
 from romgrl.report import ramp_film
 from romgrl.report.command_grid import GRID_MEASURES, row_minima, said_of_cell
 from romgrl.report.grid_markdown import cost_of_gait
 from romgrl.report.page.played_cells import played_cells
 from romgrl.report.page.scene import humanoid_points
-from romgrl.report.ramp_strides import centred_mean, gait_of_stride, ramp_strides
+from romgrl.report.ramp_strides import gait_of_stride, ramp_strides
 from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import grid_report
 from romgrl.stages.conditioned.grid_artifact import read_grid_tables, read_recordings
@@ -189,7 +192,6 @@ def test_gaits_of_strides() -> None:
         ([], longer, "walk"),
     ):
         assert gait_of_stride(contact, np.array(landed, int)) == gait
-    np.testing.assert_allclose(centred_mean(np.array([1.0, 2.0, 6.0, 2.0]), 3), [1.5, 3.0, 10 / 3, 4.0])
 
 
 def test_frames_of_the_film_have_a_cursor_that_moves() -> None:
@@ -256,3 +258,14 @@ def test_said_of_a_cell_without_a_steady_speed(made: Made) -> None:
     row = read_grid_tables(made.inputs["evaluation"]).student.iloc[FALLS].copy()
     row["steady_speed_m_per_s"] = np.nan
     assert said_of_cell(row).startswith("no steady speed; falls in 8 of 8 episodes")
+
+
+def test_a_report_of_a_conditioned_student_is_made_from_its_library(compose_config: Composer) -> None:
+    """And everything is all but a reference of one speed."""
+    order = ["teacher", "library", "student", "baseline", "evaluation", "report"]
+    assert plan(wanted("all", conditioned=True), lambda _: False, conditioned=True) == order
+    assert "reference" in wanted("all")
+    config, usual = compose_config("experiment=every_speed", "stage=report"), compose_config()
+    assert stage_function("report", config) == "romgrl.stages.grid_report:run"
+    assert stage_function("report", usual) == "romgrl.stages.report:run"
+    assert not [*conditioned_student(config)]
