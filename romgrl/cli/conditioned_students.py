@@ -6,13 +6,20 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from romgrl.cli.other_libraries import OTHER_LIBRARIES_KEYS
-from romgrl.config.commanded import USUAL_STIFFNESS, conditioned_keys, is_conditioned, is_taught, needs_library
+from romgrl.config.commanded import (
+    GRID_STAGES,
+    USUAL_STIFFNESS,
+    conditioned_keys,
+    is_conditioned,
+    is_taught,
+    needs_library,
+)
 from romgrl.config.schema import Config
 from romgrl.config.values import refusal, show, value_of
 from romgrl.errors import RomgrlError
 
-FOLLOWED = ("teacher", "reference", "library", "student", "baseline", "sync")
-"""The values of `stage` that a conditioned student has; its evaluation over the grid of commands will be one more."""
+FOLLOWED = ("teacher", "reference", "library", "student", "baseline", *GRID_STAGES, "sync")
+"""The values of `stage` that a conditioned student has."""
 OF_ONE_SPEED = {
     "student.pretrained": False,
     "student.end_early": False,
@@ -33,7 +40,7 @@ TAUGHT_KEYS = (
 
 
 def conditioned_student(config: Config) -> Iterator[str]:
-    """A student that follows commands is made, but not yet evaluated, exported or watched; none ships."""
+    """A student that follows commands is made, evaluated and reported, but not exported or watched; none ships."""
     if not is_conditioned(config):
         return
     where = f"with student.kind={config.student.kind}"
@@ -64,7 +71,12 @@ def taught_by_library(config: Config) -> Iterator[str]:
     elif not taught:
         speeds = ", ".join(f"{speed:g}" for _, speed in usual)
         yield refusal("student.taught_step", student.taught_step, f"a step with multiples among {speeds} m/s")
-    elif config.stage == "student" and config.discriminator.enabled and config.eta < 1 and student.mismatched_share:
+    elif (
+        config.stage in ("student", *GRID_STAGES)
+        and config.discriminator.enabled
+        and config.eta < 1
+        and student.mismatched_share
+    ):
         reach = min(max(10.0 if a != b else abs(v - w) for b, w in taught) for a, v in taught)
         if reach < student.mismatch_distance - 1e-6:
             permitted = f"at most {reach:g} m/s, how far each cell of the library has another; or mismatched_share 0"
@@ -83,3 +95,6 @@ def usual_cells(config: Config) -> list[tuple[str, float]]:
         library = read_library(Path(place), steps=config.reference.steps, dt=1.0 / config.humanoid.control_frequency)
         cells += cells_of(library.table[library.table.fit])
     return [(cell.gait, cell.speed) for cell in cells if cell.share == USUAL_STIFFNESS and not cell.apex]
+
+
+CONDITIONED_CHECKS = ((CONDITIONED_KEYS, conditioned_student), (TAUGHT_KEYS, taught_by_library))

@@ -14,13 +14,14 @@ from typing import Any
 
 from omegaconf import OmegaConf
 
-from romgrl.cli.conditioned_students import CONDITIONED_KEYS, TAUGHT_KEYS, conditioned_student, taught_by_library
+from romgrl.cli.conditioned_students import CONDITIONED_CHECKS
 from romgrl.cli.config_files import CONF
 from romgrl.cli.cycle_resets import CYCLE_CHECKS
 from romgrl.cli.locations import is_file, is_readable, outputs_directory, tracking_store
 from romgrl.cli.onnx_installed import onnx_installed
 from romgrl.cli.other_libraries import OTHER_LIBRARIES_KEYS, other_libraries
 from romgrl.cli.reduced_order_models import ROM_KEYS, reduced_order_model
+from romgrl.cli.specialists import GRID_CHECKS
 from romgrl.cli.teacher_ranges import RANGE_CHECKS
 from romgrl.config.learners import CRITICS
 from romgrl.config.schema import Config
@@ -238,7 +239,7 @@ def objective_faults(config: Config, bad: Collection[str] = ()) -> Iterator[str]
         return
     from romgrl.report.objective import SEARCHED, objective_names
 
-    names = objective_names(config.stage)
+    names = objective_names(config.stage, config.student.kind)
     if not names:
         yield refusal("stage", config.stage, f"{', '.join(SEARCHED)}, whose numbers a search can be after")
     elif config.objective not in names:
@@ -286,8 +287,8 @@ CHECKS: tuple[tuple[tuple[str, ...], Callable[[Config], Iterator[str]]], ...] = 
     ((*REFERENCE, "evaluation.window"), scored_window),
     ((*REFERENCE, *DISCRIMINATOR), discriminator_windows),
     (CRITIC, critic),
-    (CONDITIONED_KEYS, conditioned_student),
-    (TAUGHT_KEYS, taught_by_library),
+    *CONDITIONED_CHECKS,
+    *GRID_CHECKS,
     (ROM_KEYS, reduced_order_model),
     (("humanoid.xml", "humanoid.skeleton", "humanoid.actuation"), humanoid_file),
     *CYCLE_CHECKS,

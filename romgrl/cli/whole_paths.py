@@ -20,6 +20,7 @@ PATHS = (
     "humanoid.xml",
     "teacher.cycles",
     "library.others",
+    "evaluation.specialists",
     "hydra.run.dir",
     "hydra.sweep.dir",
     "hydra.sweeper.storage",

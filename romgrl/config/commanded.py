@@ -14,6 +14,10 @@ if TYPE_CHECKING:
 CONDITIONED = "conditioned"
 USUAL_STIFFNESS = 1.0
 """Share of a leg's stiffness at which a cell of a library is taught."""
+EPISODE_SECONDS = 10.0
+"""Of an episode at a cell of the grid of commands, when a student is evaluated."""
+GRID_STAGES = ("evaluation", "report", "all")
+"""Values of `stage` that evaluate a student over the grid of commands, or need that."""
 MULTIPLE_SLACK = 1e-6
 """Of a speed, in steps, by which it may miss a multiple."""
 
@@ -84,7 +88,9 @@ def conditioned_keys(student: Student) -> ConditionedStudent:
 
 def needs_library(config: Config) -> bool:
     """Tell whether the stage that is asked for is a library, or reads one."""
-    return config.stage == "library" or (is_conditioned(config) and config.stage in ("student", "baseline"))
+    return config.stage == "library" or (
+        is_conditioned(config) and config.stage in ("student", "baseline", *GRID_STAGES)
+    )
 
 
 def is_taught(speed: float, step: float | None) -> bool:

@@ -37,10 +37,21 @@ class Reference:
 class Evaluation:
     """Deterministic rollouts of student and baseline against the reference (paper section 4.2)."""
 
-    episodes: int = key("episodes per policy", low=1, high=10_000)
-    steps: int = key("control steps per episode", low=100, high=10**6)
+    episodes: int = key(
+        "episodes per policy; with student.kind=conditioned at each cell of the library, and of each transition",
+        low=1,
+        high=10_000,
+    )
+    steps: int = key(
+        "control steps per episode; with student.kind=conditioned all episodes of a cell last 10 s", low=100, high=10**6
+    )
     window: int = key("last steps of each episode that are scored", low=10, high=10**6)
     video: bool = key("true: render a film of each gait")
+    specialists: list[str] | None = key(
+        "with student.kind=conditioned: directories of finished evaluations of students of one speed, whose errors its "
+        "own are put beside",
+        before=None,
+    )
 
 
 @dataclass

@@ -16,6 +16,8 @@ estimator (their eq. 3) of the kernel between blocks, K(A, B) = mean of k(a, b) 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from romgrl.gait.features import Floats
@@ -77,6 +79,30 @@ def mmd_test(windows: Floats, teacher: Floats, bandwidth: float, seed: int) -> t
     found, chance = mmd_squared(kernel, own[None])[0], mmd_squared(kernel, shuffled)
     as_far = np.count_nonzero(chance >= found - 1e-12)
     return float(found), (1 + as_far) / (1 + PERMUTATIONS)
+
+
+def mmd_to_each(windows: Floats, references: Sequence[Floats], bandwidth: float) -> Floats:
+    """MMD^2 (C,) of standardised windows (M, W, C') from those of each of C references (N, W, C'), at most MOST_BLOCKS.
+
+    nan where one side has fewer than two windows or all points are one.
+    """
+    if len(windows) < 2 or not bandwidth > 0:
+        return np.full(len(references), np.nan)
+    own = points(windows[:MOST_BLOCKS])
+    within = _within(own, bandwidth)
+    found = []
+    for reference in references:
+        other = points(reference[:MOST_BLOCKS])
+        distances = _squared_distances(*(side.reshape(-1, side.shape[-1]) for side in (own, other)))
+        between = float(np.exp(-distances / (2 * bandwidth**2)).mean())
+        found.append(within + _within(other, bandwidth) - 2 * between if len(other) > 1 else np.nan)
+    return np.array(found)
+
+
+def _within(blocks: Floats, bandwidth: float) -> float:
+    """Mean of k over pairs of points from different blocks (B, P, D)."""
+    kernel, count = block_kernel(blocks, bandwidth), len(blocks)
+    return float((kernel.sum() - np.trace(kernel)) / max(1, count * (count - 1)))
 
 
 def _squared_distances(a: Floats, b: Floats) -> Floats:

@@ -136,12 +136,13 @@ def resolve(config: Config) -> Config:
 def run_stages(job: Job) -> None:
     """Make what is missing: in this process one after the other, or in two where stages can run side by side."""
     config = job.config
-    stages = plan(wanted(config.stage), job.present, conditioned=is_conditioned(config))
+    follows = is_conditioned(config)
+    stages = plan(wanted(config.stage, conditioned=follows), job.present, conditioned=follows)
     job.require_places(stages)
     threads = dict.fromkeys(stages, config.threads)
     if config.parallel_stages and config.threads >= WORKERS:
         missing = [stage for stage in stages if not job.present(stage)]
-        threads |= share_threads(missing, config.threads, conditioned=is_conditioned(config))
+        threads |= share_threads(missing, config.threads, conditioned=follows)
     if all(share == config.threads for share in threads.values()):
         for stage in stages:
             job.ensure(stage, runner=execute, threads=config.threads)

@@ -27,7 +27,11 @@ def stage_title(stage: str, config: Config, overrides: Overrides) -> str:
     follows, knobs = is_conditioned(config), dict(STAGES[stage].knobs)
     if follows and STAGES[stage].conditioned is not None:
         del knobs["speed"]
-    roots = {key for name in upstream_of(stage, conditioned=follows) | {stage} for key in STAGES[name].depends}
+    roots = {
+        key
+        for name in upstream_of(stage, conditioned=follows) | {stage}
+        for key in STAGES[name].depends_on(conditioned=follows)
+    }
     chosen = {
         key: value
         for key, value in settings(overrides).items()

@@ -25,7 +25,8 @@ class Stage:
     line that stands there where another stage was asked for. `beside`: what ships trained and is compared with.
     `drawn`: it makes pictures. `optional`: it is made only where it is asked for by name, or read. `fetched`: it may
     come from a tracking server, which no code is taken from. `conditioned`: the stages that it reads in place of
-    `upstream` where the student is conditioned; None: it knows of no such student.
+    `upstream` where the student is conditioned; None: it knows of no such student. `commanded`, `asked_of`: what makes
+    it and what it depends on there, in place of `function` and `depends`, where these differ.
     """
 
     doc: str
@@ -42,6 +43,16 @@ class Stage:
     optional: bool = False
     fetched: bool = True
     conditioned: tuple[str, ...] | None = None
+    commanded: str | None = None
+    asked_of: tuple[str, ...] | None = None
+
+    def made_by(self, *, conditioned: bool) -> str:
+        """The module:function that makes it, with a student that is conditioned or not."""
+        return self.commanded if conditioned and self.commanded is not None else self.function
+
+    def depends_on(self, *, conditioned: bool) -> tuple[str, ...]:
+        """Keys and groups that change what it makes, with a student that is conditioned or not."""
+        return self.asked_of if conditioned and self.asked_of is not None else self.depends
 
     def reads(self, *, conditioned: bool) -> tuple[str, ...]:
         """The stages that it reads, with a student that is conditioned or not."""
@@ -100,10 +111,20 @@ STAGES: dict[str, Stage] = {
             "distances.csv": ("distance", "channel"),
             "gait.csv": ("walker",),
             "null_models.csv": ("measure", "channel", "walker"),
+            "grid.csv": ("gait", "speed_m_per_s", "walker"),
+            "confusion.csv": ("walker", "asked"),
+            "transitions.csv": ("transition", "walker"),
+            "ramp.csv": ("direction", "asked_m_per_s", "walker"),
         },
-        metrics="romgrl.report.terminal_tables:result_metrics",
-        printed="romgrl.report.terminal_tables:result_tables",
+        metrics="romgrl.report.grid_tables:evaluation_metrics",
+        printed="romgrl.report.grid_tables:evaluation_tables",
         beside=("teacher",),
+        conditioned=("library", "student", "baseline"),
+        commanded="romgrl.stages.grid_evaluation:run",
+        asked_of=(
+            *("evaluation", "humanoid", "reference", "seed"),
+            *("student.kind", "student.alpha", "student.taught_step", "student.standing_share"),
+        ),
     ),
     "report": Stage(
         "page, tables, figures and films",
@@ -111,6 +132,9 @@ STAGES: dict[str, Stage] = {
         ("teacher", "reference", "student", "baseline", "evaluation"),
         ("rom", "teacher", "evaluation", "humanoid", "student.alpha", "speed", "eta", "noise", "seed"),
         drawn=True,
+        conditioned=("library", "student", "baseline", "evaluation"),
+        commanded="romgrl.stages.grid_report:run",
+        asked_of=("evaluation", "humanoid", "reference", "student.kind", "student.taught_step", "seed"),
     ),
     "robustness": Stage(
         "fall rates under pushes, noise, other masses and grounds",
@@ -152,9 +176,11 @@ ACTIONS = {
 }  # other values of `stage`, which make no artifact
 
 
-def wanted(stage: str) -> list[str]:
-    """The stages that a value of `stage` asks for."""
-    return [name for name, each in STAGES.items() if not each.optional] if stage == "all" else [stage]
+def wanted(stage: str, *, conditioned: bool = False) -> list[str]:
+    """The stages that a value of `stage` asks for; all that know of a student that is conditioned where it is."""
+    if stage != "all":
+        return [stage]
+    return [n for n, each in STAGES.items() if not each.optional and (each.conditioned is not None or not conditioned)]
 
 
 def plan(targets: Iterable[str], present: Callable[[str], bool], *, conditioned: bool = False) -> list[str]:

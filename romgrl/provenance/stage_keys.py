@@ -51,7 +51,7 @@ def stage_settings(stage: str, config: Config) -> dict[str, Any]:
         return pretrained_settings(stage)
     config = stage_config(stage, config)
     settings: dict[str, Any] = {}
-    for key in STAGES[stage].depends:
+    for key in STAGES[stage].depends_on(conditioned=is_conditioned(config)):
         value = value_of(config, key)
         nested = hasattr(value, "__dataclass_fields__")
         settings |= {f"{key}.{name}": item for name, item in asdict(value).items()} if nested else {key: value}
@@ -65,6 +65,9 @@ def stage_settings(stage: str, config: Config) -> dict[str, Any]:
                 del settings[f"teacher.{name}"]
     if settings.get("library.others") is not None:
         settings["library.others"] = libraries_read(config)
+    if "evaluation.specialists" in settings:  # no key of what was evaluated before there were any
+        del settings["evaluation.specialists"]
+        settings |= specialists_read(config)
     if stage == "student" and not config.discriminator.enabled:
         settings = {name: value for name, value in settings.items() if not name.startswith("discriminator.")}
         settings["discriminator.enabled"] = False
@@ -82,6 +85,14 @@ def libraries_read(config: Config) -> list[str]:
     return [f"{manifest.key} sha256:{manifest.digest}" for manifest in manifests]
 
 
+def specialists_read(config: Config) -> dict[str, Any]:
+    """Key and digest of each evaluation of `evaluation.specialists`, by the name of that key; empty where there are
+    none. Raises ArtifactError."""
+    manifests = [read_manifest(Path(place)) for place in config.evaluation.specialists or ()]
+    found = [f"{manifest.key} sha256:{manifest.digest}" for manifest in manifests]
+    return {"evaluation.specialists": found} if found else {}
+
+
 def body_settings(stage: str, config: Config) -> dict[str, Any]:
     """What a stage depends on in the model that a file describes, compiled: included files count, their places do not.
 
@@ -89,7 +100,7 @@ def body_settings(stage: str, config: Config) -> dict[str, Any]:
     """
     sizes, physics, full = body_digests(json.dumps(asdict(config.humanoid)))
     described = {"humanoid.sizes": sizes}
-    if "humanoid" not in STAGES[stage].depends:
+    if "humanoid" not in STAGES[stage].depends_on(conditioned=is_conditioned(config)):
         return described
     return described | {"humanoid.xml": f"sha256:{full if stage == 'report' else physics}"}
 
@@ -129,7 +140,9 @@ def pretrained_settings(stage: str) -> dict[str, Any]:
 
 def stage_function(stage: str, config: Config) -> str:
     """The function that makes a stage, as `module:function`."""
-    return f"romgrl.stages.pretrained:{stage}" if is_pretrained(stage, config) else STAGES[stage].function
+    if is_pretrained(stage, config):
+        return f"romgrl.stages.pretrained:{stage}"
+    return STAGES[stage].made_by(conditioned=is_conditioned(config))
 
 
 def stage_key(stage: str, config: Config, upstream: Mapping[str, str]) -> str:

@@ -30,6 +30,8 @@ MEASURED_CELLS = {
 """Columns of library.csv, and what stands over their panels; a library may lack some."""
 ASKED = {"steady_speed_m_per_s": "speed_m_per_s", "jump_apex_m": "apex_m"}
 """The columns of what is asked for, by those of what it came to."""
+FEET = {"foot_radius_m": "foot_radius", "roll_over_radius_m": "roll_over_radius"}
+"""What the player draws of a model's feet, by columns of library.csv."""
 BAND_POINTS = 101
 REACH = 0.1  # m/s: how far the bands go to both sides of a table of one speed
 
@@ -38,6 +40,11 @@ def goals(table: pd.DataFrame) -> pd.Series:
     """What each cell of library.csv was asked for: a speed, m/s, or an apex, m, of jumps."""
     apex = table.get("apex_m", 0.0 * table.speed_m_per_s)
     return table.speed_m_per_s.where(apex == 0, apex)
+
+
+def drawn_feet(table: pd.DataFrame) -> list[dict[str, float]]:
+    """What the player draws of the feet of each cell of library.csv, m."""
+    return [dict(zip(FEET.values(), feet, strict=True)) for feet in table[[*FEET]].to_numpy(float).tolist()]
 
 
 def goal_text(speed: float, apex: float) -> str:

@@ -10,15 +10,20 @@ from pathlib import Path
 from romgrl.gait.features import ALIGNMENTS, ALL, CHANNELS
 from romgrl.gait.measures import MEASURES
 from romgrl.gait.null_models import AVERAGE, MEAN_ERROR, OVER_VARIANCE, REDUCTIONS, SCORED
-from romgrl.report.terminal_tables import result_metrics, with_falls, with_weakest
+from romgrl.report.grid_tables import evaluation_metrics, grid_names
+from romgrl.report.terminal_tables import with_falls, with_weakest
 
 MOST_FALLS = 50.0  # percent of the episodes; a walker that falls more often has no error and no distance either
+ONE_SPEED = "one_speed"  # a kind of student, `student.kind`
 OF_FALLS = ("falls", "falls_percent")
 SEARCHED = ("all", "evaluation", "teacher")  # values of `stage` whose jobs have numbers, whatever they reuse
 
 
-def objective_names(stage: str) -> list[str]:
-    """The names of the numbers that jobs of a value of `stage` can have; none for those that have none."""
+def objective_names(stage: str, kind: str = ONE_SPEED) -> list[str]:
+    """The names of the numbers that jobs of a value of `stage` can have, with a kind of student; none for those that
+    have none."""
+    if kind != ONE_SPEED and stage in ("all", "evaluation"):
+        return grid_names()
     if stage == "teacher":
         return [f"teacher/{measure}" for measure in MEASURES]
     if stage not in SEARCHED:
@@ -47,7 +52,7 @@ def objective_of(name: str, artifacts: Mapping[str, Path]) -> float:
     stage = next((stage for stage in ("evaluation", "teacher") if stage in artifacts), None)
     if stage is None:
         return math.nan
-    numbers = with_weakest(with_falls(result_metrics(artifacts[stage])))
+    numbers = with_weakest(with_falls(evaluation_metrics(artifacts[stage])))
     walker, _, measure = name.partition("/")
     if numbers.get(f"{walker}/falls_percent", 0.0) > MOST_FALLS and measure not in OF_FALLS:
         return math.nan

@@ -17,6 +17,7 @@ from romgrl.errors import ArtifactError
 from romgrl.gait.null_models import OVER_VARIANCE
 from romgrl.provenance.stage_graph import STAGES, upstream_of
 from romgrl.provenance.stage_keys import stage_settings
+from romgrl.report.grid_tables import is_grid
 from romgrl.report.terminal_tables import number, read_rows, result_metrics, with_falls, with_weakest
 from romgrl.results.kept import open_numbers, order_made
 
@@ -75,6 +76,8 @@ def evaluations(outputs: Path) -> tuple[list[FinishedEvaluation], dict[Path, str
 def read_evaluation(directory: Path, known: Catalogue) -> FinishedEvaluation:
     """Verify an evaluation and read its numbers. Raises ArtifactError."""
     manifest = open_numbers(directory, stage="evaluation")
+    if is_grid(directory):
+        raise ArtifactError(f"{directory}: of a student that follows commands")
     numbers, lineage = result_metrics(directory), trace(manifest, known)
     for stage, manifests in lineage.items():
         if not manifests:

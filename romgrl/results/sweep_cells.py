@@ -15,6 +15,7 @@ from romgrl.gait.distances import FLOOR
 from romgrl.gait.features import CHANNELS
 from romgrl.gait.measures import SWEPT
 from romgrl.gait.null_models import AVERAGE, MEAN_ERROR, OVER_VARIANCE, REDUCTIONS, SCORED
+from romgrl.report.grid_tables import evaluation_metrics, is_grid
 from romgrl.report.terminal_tables import result_metrics, robustness_metrics, with_falls
 from romgrl.results.claims import TOO_FEW, compare
 from romgrl.results.evaluation_index import (
@@ -100,6 +101,8 @@ def result(sweep: Sweep, job: list[str], outputs: Path, known: Catalogue) -> Job
                 open_numbers(place, stage=stage)
         if "robustness" in places:
             return JobResult(swept, end, robustness_metrics(places["robustness"]))
+        if "evaluation" in places and is_grid(places["evaluation"]):
+            return JobResult(swept, end, evaluation_metrics(places["evaluation"]))
         if "evaluation" in places:
             evaluation = read_evaluation(places["evaluation"], known)
             short = short_budgets(evaluation.settings, sweep.usual)

@@ -62,14 +62,14 @@ def test_the_slider_goes_over_to_another_cell(opened: Page) -> None:
 
 def test_it_walks_on_from_the_same_phase(opened: Page) -> None:
     opened.keyboard.press("Space")
-    opened.wait_for_function("() => phase > 3.5 && gone > 5")  # over the end of a stretch, on and on
+    opened.wait_for_function("() => walk.phase > 3.5 && walk.gone > 5")  # over the end of a stretch, on and on
     opened.keyboard.press("Space")
-    before = opened.evaluate("[phase, gone, secondsAt(walkers[cell]) / (scene.dt * walkers[cell].strides[1])]")
+    before = opened.evaluate("[walk.phase, walk.gone, walk.seconds / (scene.dt * walkers[cell].strides[1])]")
     opened.keyboard.press("ArrowLeft")
-    after = opened.evaluate("[phase, gone, secondsAt(walkers[cell]) / (scene.dt * walkers[cell].strides[1])]")
+    after = opened.evaluate("[walk.phase, walk.gone, walk.seconds / (scene.dt * walkers[cell].strides[1])]")
     assert after == pytest.approx(before)
     opened.evaluate("advance(0.4)")
-    strides, metres = opened.evaluate("[phase, gone]")
+    strides, metres = opened.evaluate("[walk.phase, walk.gone]")
     length = opened.evaluate("scene.dt * walkers[cell].strides[1]")
     assert strides - before[0] == pytest.approx(0.4 / length)
     assert metres - before[1] == pytest.approx(0.4 * opened.evaluate("cells[cell].asked"), abs=0.02)
@@ -78,12 +78,12 @@ def test_it_walks_on_from_the_same_phase(opened: Page) -> None:
 def test_a_change_while_it_plays_is_no_jump(opened: Page) -> None:
     """At once it is drawn as before, and as the other cell a moment later."""
     opened.evaluate("playing = true; advance(0.25)")
-    drawn = opened.evaluate("[...poseNow(walkers[cell]).points]")
-    other = opened.evaluate("choose(lines[0].cells[0]), [...poseAt(walkers[cell], secondsAt(walkers[cell])).points]")
-    assert opened.evaluate("[...poseNow(walkers[cell]).points]") == pytest.approx(drawn, abs=1e-5)
+    drawn = opened.evaluate("[...walk.pose.points]")
+    other = opened.evaluate("choose(lines[0].cells[0]), [...walk.recorded.points]")
+    assert opened.evaluate("[...walk.pose.points]") == pytest.approx(drawn, abs=1e-5)
     assert other != pytest.approx(drawn, abs=1e-2)
     opened.evaluate("advance(CHANGE)")
-    arrived = opened.evaluate("[poseNow(walkers[cell]), poseAt(walkers[cell], secondsAt(walkers[cell]))]")
+    arrived = opened.evaluate("[walk.pose, walk.recorded]")
     assert arrived[0] == arrived[1]
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from romgrl.gait.features import Gait
 from romgrl.humanoid.model import build
 from tests.helpers import finished
+from tests.helpers.swinging import running
 from tests.helpers.synthetic_gait import DT, run
 
 EPISODES = 8
@@ -51,15 +52,3 @@ def walker(rate: float, *, steps: int, episodes: int = EPISODES, lean: float = 0
         contact=contact,
         trunk_lean=np.full(size, lean),
     )
-
-
-def running(model: Any, rate: float, steps: int) -> Any:
-    """States (T, nq + nv) of a humanoid that moves forward at 4 m/s and swings its legs."""
-    found = np.zeros((steps, model.nq + model.nv))
-    time = DT * np.arange(steps)
-    swing = np.sin(2 * np.pi * rate * time)
-    for joint, angle in (("L_Hip", -0.5 * swing), ("R_Hip", 0.5 * swing), ("L_Knee", 0.6 + 0.4 * swing)):
-        names = [index for index in range(model.njnt) if model.joint(index).name.startswith(joint)]
-        found[:, model.jnt_qposadr[names[0]]] = angle
-    found[:, 0], found[:, 1] = 4.0 * time, 0.9
-    return found

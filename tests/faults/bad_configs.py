@@ -11,6 +11,7 @@ from romgrl.config.schema import Config
 from romgrl.config.values import first_kind, foreign_keys, kind_key, kind_of, schema_keys
 
 HEAD = "defaults:\n  - config\n  - _self_\n"
+EVERY_SPEED = "experiment=every_speed stage=evaluation"
 TAUGHT = ("stage=student", "teacher=variable_running")  # what a conditioned student needs
 
 
@@ -100,9 +101,9 @@ SPECIAL = (
                ("student.buffer_size: 100", "4 x student.num_envs"))),
     case("tracking.uri=oracle://me:secret@host/runs", says=("tracking.uri: oracle://me:***@host", ALLOWED)),
     case("tracking.uri=postgresql://me:se@cret@host/runs", says=("tracking.uri: postgresql://me:***@host", "%40")),
-    case("speed=", says=SPEED), case("speed=nan", says=SPEED),
-    case("rom.trunk_moment_limit=inf", says=("rom.trunk_moment_limit: inf", ALLOWED)),
+    case("speed=", says=SPEED), case("speed=nan", says=SPEED), case("speed={a:", says=("speed={a:", "cannot be read")),
     case("seed=4294967296", says=("seed: 4294967296", ALLOWED, "<= 4294967295")),
+    case("rom.trunk_moment_limit=inf", says=("rom.trunk_moment_limit: inf", ALLOWED)),
     case("student.hidden_sizes=[]", says=("student.hidden_sizes: []", ALLOWED, "at least one")),
     case("rom.reset_speed=[2,1]", says=("rom.reset_speed: [2, 1]", ALLOWED, "two numbers, the lower one first")),
     case("humanoid.reset_speed=[0,1,2]", says=("humanoid.reset_speed: [0, 1, 2]", ALLOWED, "two numbers")),
@@ -110,13 +111,10 @@ SPECIAL = (
     case("student.mirror=1", says=("student.mirror: 1", ALLOWED, "true or false")),
     case("speed='x", says=("speed=", "cannot be read", "<= 10 m/s")),
     case("speed=[1", says=("speed=[1", "cannot be read", "<= 10 m/s")),
-    case("speed={a:", says=("speed={a:", "cannot be read")),
     case("speed=" + "9" * 5000, says=("speed=999", "...", "cannot be read", "<= 10 m/s")),
     case("speed=" + "a" * 5000, says=("speed: aaa", "...", "<= 10 m/s")),
-    case("spéed=1", says=("spéed", "did you mean speed?")),
-    case("Speed=1", says="did you mean speed?"),
-    case("speed", says="write key=value"),
-    case("=4", says="write key=value"),
+    case("spéed=1", says=("spéed", "did you mean speed?")), case("Speed=1", says="did you mean speed?"),
+    case("speed", says="write key=value"), case("=4", says="write key=value"),
     case("speed=1", "speed=2", says=("speed: ", "has 2 values, 1 and 2")),
     case("rom=spring_leg", "rom=free_trunk", says=("rom: ", "has 2 values")),
     case("speed=1,2", says=("speed=1,2: ", "put -m before the keys")),
@@ -288,6 +286,8 @@ MISFITS = (
     ("discriminator.held_out", "discriminator.held_out=0.00001"),
     ("stage", "student=conditioned"),
     ("teacher.speeds", "student=conditioned stage=student"),
+    ("evaluation.specialists", f"{EVERY_SPEED} evaluation.specialists=[/no/such/place]"),
+    ("evaluation.window", f"{EVERY_SPEED} evaluation=thorough evaluation.window=400 reference.episodes=4"),
     ("rom.reset_hip_angle", "rom.hip_angle_limit=0.2"),
     ("rom.roll_over_radius", "rom.roll_over_radius=0.05"),
     ("rom.stiffness", "rom.substeps=1"),

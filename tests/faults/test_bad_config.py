@@ -161,7 +161,7 @@ def good_values(config: Config, seed: int) -> Iterator[list[str]]:
         if key.endswith(".pretrained"):
             yield [key.replace(".", "=")]  # the preset: it needs more than this key
         elif key == "student.kind":
-            yield ["student=conditioned", *TAUGHT]  # which no evaluation knows yet
+            yield ["student=conditioned", *TAUGHT]  # of which there is no report
         elif any(key == kind_key(group) for group in fields(Config)):
             yield [f"{key.partition('.')[0]}={draw.choice(list(entry.metadata['choices']))}"]  # likewise
         elif kind.item == "bool":

@@ -59,6 +59,8 @@ def changed_value(config: Config, key: str, directory: Path) -> object:
     """Another value; a file or an artifact that exists where the key names one."""
     if key == "library.others":
         return [write_library(directory / "library", *synthetic_library())]
+    if key == "evaluation.specialists":  # any artifact is one to a key, which is made when it has been looked at
+        return [write_library(directory / "evaluation", *synthetic_library(), stage="evaluation")]
     if key == "teacher.cycles":
         write_cycles(directory / "cycles", config)
         return str(directory / "cycles")
@@ -127,6 +129,7 @@ EDITED = {
     "cli/consistency.py": set(),
     "cli/other_libraries.py": set(),
     "cli/conditioned_students.py": set(),
+    "cli/specialists.py": set(),
     "cli/onnx_installed.py": set(),
     "runtime/stage_log.py": set(STAGES),
     "runtime/cores.py": set(),
@@ -163,6 +166,8 @@ EDITED = {
     "gait/symmetry.py": set(STAGES),
     "gait/alignment.py": TRAINED | {"evaluation", "report", "library"},  # the check of a training's gait, and pages
     "gait/load_metrics.py": set(STAGES),  # among the rows of a gait, which every check reads
+    "gait/gait_classes.py": TRAINED,
+    "gait/command_following.py": TRAINED,
     "gait/floquet.py": {"robustness", "library"},
     "gait/measures.py": {"report", "library"},
     "algorithms/ppo.py": {"teacher"},
@@ -184,6 +189,13 @@ EDITED = {
     "stages/conditioned/conditioned_learner.py": TRAINED,
     "stages/conditioned/curriculum.py": TRAINED,
     "stages/conditioned/grid_check.py": TRAINED,
+    "stages/conditioned/asked_episodes.py": set(),  # of the evaluation of a conditioned student, as all of these
+    "stages/conditioned/grid_cells.py": set(),
+    "stages/conditioned/grid_summary.py": set(),
+    "stages/conditioned/transitions.py": set(),
+    "stages/grid_evaluation.py": set(),
+    "stages/grid_report.py": set(),
+    "stages/conditioned/grid_artifact.py": set(),
     "stages/wiring/rom.py": ROM_RUNS | {"report"},
     "stages/wiring/humanoid.py": HUMANOID_RUNS,
     "stages/wiring/artifact_arrays.py": TRAINED | {"evaluation", "report", "robustness"},
@@ -198,12 +210,21 @@ EDITED = {
     "stages/exporting/run_policy.py": {"export"},
     "report/finished_library.py": TRAINED | {"library"},
     "report/library_table.py": set(),
+    "report/grid_tables.py": set(),
+    "report/specialists.py": set(),
     "report/gait_atlas.py": {"library"},
     "report/figures.py": {"report"},
     "report/library_cells.py": {"library"},
     "report/page/scene.py": {"report", "library"},
     "report/page/library_page.py": {"library"},
     "report/page/player.js": {"report", "library"},
+    "report/page/cells.js": {"report", "library"},
+    "report/page/commands_page.py": set(),
+    "report/page/played_cells.py": set(),
+    "report/command_grid.py": set(),
+    "report/grid_figure.py": set(),
+    "report/ramp_strides.py": set(),
+    "report/ramp_film.py": set(),
     "report/terminal_tables.py": set(),
     "results/statistics.py": set(),
     "results/exact_tests.py": set(),

@@ -16,6 +16,8 @@ from romgrl.report.page.charts import Chart
 
 FOLDER = Path(__file__).parent
 SHARED_SCRIPTS = ("player.js", "charts.js")
+SCRIPTS = {"page": ("page.js",), "library": ("cells.js", "library.js"), "commands": ("cells.js", "commands.js")}
+"""Of each page, after those that all of them have."""
 
 
 def render_page(
@@ -26,7 +28,7 @@ def render_page(
     name: str = "page",
     **content: Any,
 ) -> None:
-    """Write the page of NAME.html and NAME.js.
+    """Write the page of NAME.html and its scripts.
 
     scene: what the player draws; sections: charts by place; content: the template's other values.
     """
@@ -37,7 +39,7 @@ def render_page(
         sections=sections,
         data=script_data({"scene": scene, "colors": content["colors"], "charts": [specification(c) for c in charts]}),
         style=Markup((FOLDER / "page.css").read_text("utf-8")),
-        scripts=[Markup((FOLDER / script).read_text("utf-8")) for script in (*SHARED_SCRIPTS, f"{name}.js")],
+        scripts=[Markup((FOLDER / script).read_text("utf-8")) for script in (*SHARED_SCRIPTS, *SCRIPTS[name])],
         plotly=Markup(get_plotlyjs()),
     )
     path.write_text(page, "utf-8")

@@ -12,7 +12,16 @@ from numpy.typing import NDArray
 
 from romgrl.gait.features import BODY_Y
 from romgrl.report.finished_library import RECORDED
-from romgrl.report.library_cells import ASKED, MEASURED_CELLS, CellLine, cell_lines, goal_text, goals, said_of
+from romgrl.report.library_cells import (
+    ASKED,
+    MEASURED_CELLS,
+    CellLine,
+    cell_lines,
+    drawn_feet,
+    goal_text,
+    goals,
+    said_of,
+)
 from romgrl.report.numbers import significant
 from romgrl.report.page.html import render_page
 from romgrl.report.page.library_charts import atlas_charts, footfall_charts, line_color
@@ -29,8 +38,6 @@ NEIGHBORS = {
     "gait_atlas.pdf": "for print",
 }
 """What lies beside the page."""
-FEET = {"foot_radius_m": "foot_radius", "roll_over_radius_m": "roll_over_radius"}
-"""What the player draws of a model's feet, by columns of library.csv."""
 GOALS = {"speed_m_per_s": "speed_m_per_s", "apex_m": "apex_m"}
 HELD = {asked: held for held, asked in ASKED.items()}
 """Columns of library.csv by those of what is asked for: these themselves, and what it came to."""
@@ -49,7 +56,6 @@ def write_library_page(path: Path, table: pd.DataFrame, arrays: Mapping[str, NDA
     measures = {name: label for name, label in MEASURED_CELLS.items() if name in table}
     texts = [[significant(row[name]) for name in measures] for row in numbers]
     named = [goal_text(*asked) for asked in zip(table.speed_m_per_s, table.apex_m, strict=True)]
-    feet = table[[*FEET]].rename(columns=FEET).to_dict("records")
     labels = {cell: line.label for line in lines for cell in line.rows.index}
     render_page(
         path,
@@ -65,7 +71,7 @@ def write_library_page(path: Path, table: pd.DataFrame, arrays: Mapping[str, NDA
             "cells": [
                 {"asked": goal, "goal": words, "fit": bool(fit), "said": why, "numbers": shown, **drawn}
                 for goal, words, fit, why, shown, drawn in zip(
-                    goals(table), named, table.fit, said, texts, feet, strict=True
+                    goals(table), named, table.fit, said, texts, drawn_feet(table), strict=True
                 )
             ],
             "start": first_cell(lines),

@@ -8,24 +8,6 @@ let time = scene.first * scene.dt; // where all walkers are there
 const places = Object.fromEntries([...document.querySelectorAll("[data-distance]")].map((e) => [e.dataset.distance, e]));
 let span = null; // [start, stop] in seconds of the stride that is looped
 
-// A body as thick lines with round ends, in two passes: first all outlines, then all fillings.
-function drawBody(context, pose, view, tone) {
-  context.lineCap = "round";
-  for (const far of [1, 0]) {
-    for (const [grow, style] of [[2.5, colour("--panel")], [0, far ? mixed(tone) : tone]]) {
-      context.strokeStyle = style;
-      scene.segments.forEach(([radius, side], i) => {
-        if (side !== far) return;
-        context.lineWidth = 2 * radius * view.scale + grow;
-        context.beginPath();
-        context.moveTo(view.x(pose.points[4 * i]), view.y(pose.points[4 * i + 1]));
-        context.lineTo(view.x(pose.points[4 * i + 2]) + 0.01, view.y(pose.points[4 * i + 3]));
-        context.stroke();
-      });
-    }
-  }
-}
-
 // All walkers at a time; returns how far each has gone, in metres.
 function drawScene(time) {
   const [width, height] = [canvas.clientWidth, canvas.clientHeight];

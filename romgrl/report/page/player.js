@@ -91,6 +91,24 @@ function spring(context, x0, y0, x1, y1, amplitude) {
   context.stroke();
 }
 
+// A body as thick lines with round ends, in two passes: first all outlines, then all fillings.
+function drawBody(context, pose, view, tone) {
+  context.lineCap = "round";
+  for (const far of [1, 0]) {
+    for (const [grow, style] of [[2.5, colour("--panel")], [0, far ? mixed(tone) : tone]]) {
+      context.strokeStyle = style;
+      scene.segments.forEach(([radius, side], i) => {
+        if (side !== far) return;
+        context.lineWidth = 2 * radius * view.scale + grow;
+        context.beginPath();
+        context.moveTo(view.x(pose.points[4 * i]), view.y(pose.points[4 * i + 1]));
+        context.lineTo(view.x(pose.points[4 * i + 2]) + 0.01, view.y(pose.points[4 * i + 3]));
+        context.stroke();
+      });
+    }
+  }
+}
+
 function drawGround(context, view, x, width) {
   context.strokeStyle = context.fillStyle = colour("--faint");
   context.lineWidth = 1;

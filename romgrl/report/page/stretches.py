@@ -19,13 +19,15 @@ CLOSED = 0.05  # m: as far as any feature may be at the end from where it was at
 class Stretch:
     """T steps of a cell, which begin and end as the left foot lands: features (T, 5) m, contact (T, 2), x (T,) m.
 
-    strides: the steps at which it lands, the first and the last of the stretch among them.
+    strides: the steps at which it lands, the first and the last of the stretch among them; first: the step of the
+    record at which it begins.
     """
 
     features: Floats
     contact: Bools
     x: Floats
     strides: list[int]
+    first: int
 
 
 def steady_stretch(
@@ -48,7 +50,9 @@ def steady_stretch(
         best = min(filter(usual, runs), key=closing, default=None)
         if best is not None and closing(best) <= CLOSED:
             kept = slice(best[0], best[-1] + 1)
-            return Stretch(features[kept], contact[kept], gone(velocity[kept], dt), [at - best[0] for at in best])
+            return Stretch(
+                features[kept], contact[kept], gone(velocity[kept], dt), [at - best[0] for at in best], best[0]
+            )
     return None
 
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from romgrl.config.commanded import USUAL_STIFFNESS, conditioned_keys, is_taught
@@ -25,7 +26,7 @@ class CommandCells:
     """C references, sorted by gait and speed, and what is asked for each.
 
     Of each cell: `gait`, number of its gait among `gaits`, speed, m/s, `taught`, and arrays features (T, 5), episode
-    (T,), velocity (T,), m/s.
+    (T,), velocity (T,), m/s, contact (T, 2). `table`: its row of library.csv.
     """
 
     gaits: tuple[str, ...]
@@ -34,6 +35,7 @@ class CommandCells:
     taught: NDArray[np.bool_]
     references: Sequence[Mapping[str, NDArray[Any]]]
     dt: float
+    table: pd.DataFrame
 
     def name(self, cell: int) -> str:
         """As in `run at 3.25 m/s`."""
@@ -89,7 +91,13 @@ def read_command_cells(directory: Path, config: Config, *, span: int) -> Command
     kept = rows.gait.isin(gaits).to_numpy()
     references = [cell_arrays(library.arrays, int(row)) for row in rows.index[kept]]
     cells = CommandCells(
-        gaits, np.array([gaits.index(gait) for gait in rows.gait[kept]]), speeds[kept], taught[kept], references, dt
+        gaits,
+        np.array([gaits.index(gait) for gait in rows.gait[kept]]),
+        speeds[kept],
+        taught[kept],
+        references,
+        dt,
+        rows[kept].reset_index(drop=True),
     )
     for cell in cells.taught_cells:
         longest = max(stop - start for start, stop in episode_bounds(references[cell]["episode"]))
@@ -101,4 +109,4 @@ def read_command_cells(directory: Path, config: Config, *, span: int) -> Command
 def cell_arrays(arrays: Mapping[str, NDArray[Any]], row: int) -> dict[str, NDArray[Any]]:
     """What library.npz has of a row of library.csv, without what lacks at the end."""
     there = arrays["episode"][row] >= 0
-    return {name: arrays[name][row][there] for name in ("features", "episode", "velocity")}
+    return {name: arrays[name][row][there] for name in ("features", "episode", "velocity", "contact")}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,9 @@ from romgrl.algorithms.rom_grl import RomGrl
 from romgrl.algorithms.sac import Mirrors
 from romgrl.config.schema import Config
 from romgrl.gait.alignment import error_over_variance
+from romgrl.gait.command_following import speed_tolerance
 from romgrl.gait.features import Gait
+from romgrl.gait.gait_classes import episode
 from romgrl.gait.metrics import describe
 from romgrl.gait.recording import record
 from romgrl.humanoid.command_schedules import CommandTable
@@ -34,8 +36,6 @@ EPISODES, STEPS = 4, 300
 """Of each cell."""
 WORST = 0.2
 """Share of the cells that a policy is judged by: those where it is worst."""
-LEAST_TOLERANCE, TOLERANCE = 0.1, 0.05
-"""A speed is right within so many m/s, or this share of it where that is more."""
 LOST = 10.0
 """What a cell is short of at most for its speed and for its gait, and for falling."""
 
@@ -175,16 +175,13 @@ def grid_commands(cells: CommandCells) -> CommandTable:
 
 def episodes_of(gait: Gait, cell: int) -> Gait:
     """The episodes of a cell."""
-    rows = slice(cell * EPISODES, (cell + 1) * EPISODES)
-    parts: dict[str, Any] = {name: value[rows] for name, value in vars(gait).items() if isinstance(value, np.ndarray)}
-    return replace(gait, **parts)
+    return episode(gait, slice(cell * EPISODES, (cell + 1) * EPISODES))
 
 
 def shortfall(row: Mapping[str, float], speed: float, *, imitates: bool) -> float:
     """How far a policy is from its cell: 0 at the right speed in the reference's paths, and LOST for each it has none
     of; falls count LOST times their share."""
-    tolerance = max(LEAST_TOLERANCE, TOLERANCE * speed)
-    parts = [abs(row["speed_error_m_per_s"]) / tolerance, row["error_over_variance"] if imitates else 0.0]
+    parts = [abs(row["speed_error_m_per_s"]) / speed_tolerance(speed), row["error_over_variance"] if imitates else 0.0]
     short: NDArray[np.float64] = np.minimum(np.nan_to_num(parts, nan=LOST), LOST)
     return float(LOST * row["falls"] / EPISODES + short.sum())
 
@@ -198,7 +195,7 @@ def worst_fifth(values: list[float]) -> float:
 def right_speed(row: Mapping[str, float]) -> bool:
     """Tell whether a walker of a row falls nowhere and holds its speed."""
     speed = row["steady_speed_m_per_s"] - row["speed_error_m_per_s"]
-    return not row["falls"] and abs(row["speed_error_m_per_s"]) <= max(LEAST_TOLERANCE, TOLERANCE * speed)
+    return not row["falls"] and abs(row["speed_error_m_per_s"]) <= speed_tolerance(speed)
 
 
 def grid_summary(rows: list[dict[str, Any]]) -> str:

@@ -17,11 +17,21 @@ from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 def roll_out(
     env: PlanarHumanoidVectorEnv, policy: Policy, *, steps: int, seed: int, progress: Callable[[int], None]
 ) -> dict[str, NDArray[Any]]:
+    """As `roll_out_all`, and states (T', nq + nv) of one episode up to its fall, of the first without a fall where
+    there is one."""
+    arrays, states = roll_out_all(env, policy, steps=steps, seed=seed, progress=progress)
+    upright = arrays["upright"]
+    longest = int(upright.sum(axis=1).argmax())  # the first of the longest
+    return {**arrays, "states": states[longest, : max(1, int(upright[longest].sum()))]}
+
+
+def roll_out_all(
+    env: PlanarHumanoidVectorEnv, policy: Policy, *, steps: int, seed: int, progress: Callable[[int], None]
+) -> tuple[dict[str, NDArray[Any]], NDArray[np.float64]]:
     """One episode of `steps` steps in each of the E environments; a walker is not upright from its first fall on.
 
     features (E, T, 5) m, velocity (E, T) m/s, upright (E, T), trunk_lean (E, T) rad, contact (E, T, 2), arrays of
-    `Loads`, states (T', nq + nv): qpos and qvel of one episode up to its fall, of the first without a fall where there
-    is one.
+    `Loads`; and states (E, T, nq + nv): qpos and qvel before each step.
     """
     size = (env.num_envs, steps)
     features, velocity = np.zeros((*size, 5), np.float32), np.zeros(size, np.float32)
@@ -41,13 +51,12 @@ def roll_out(
         steps_taken = slice(0, int(lasted))
         replayed = replay(env.model, states[episode, steps_taken], actions[episode, steps_taken], env.substeps)
         loads.put((episode, steps_taken), replayed)
-    longest = int(upright.sum(axis=1).argmax())  # the first of the longest
-    return {
+    arrays = {
         "features": features,
         "velocity": velocity,
         "upright": upright,
         "trunk_lean": trunk_lean,
         "contact": loads.contact,
         **loads.arrays(),
-        "states": states[longest, : max(1, int(upright[longest].sum()))],
     }
+    return arrays, states
