@@ -21,7 +21,7 @@ FEWEST_STEPS = 3
 
 @dataclass(frozen=True)
 class CellReference:
-    """Of a cell: arrays features (T, 5) m, contact (T, 2), velocity (T,) m/s, episode (T,); feet: what is drawn of them, m."""
+    """Of a cell: arrays features (T, 5) m, contact (T, 2), velocity (T,) m/s, episode (T,); feet: what is drawn, m."""
 
     arrays: Mapping[str, NDArray[Any]]
     feet: Mapping[str, float]
