@@ -101,7 +101,9 @@ def said_of_cell(row: pd.Series) -> str:
     if falls:
         parts.append(f"falls in {falls} of {row.episodes:.0f} episodes")
     numbers = {str(name): float(value) for name, value in row.items() if isinstance(value, (int, float, np.number))}
-    off = human_bands.outside(numbers, asked, human_bands.COMPARED_WITH.get(str(row.gait), ()))
+    numbers["stride_length_m"] = human_bands.stride_length(numbers)
+    bands = human_bands.outside(numbers, asked, human_bands.COMPARED_WITH.get(str(row.gait), ()))
+    off = [name for name in bands if np.isfinite(numbers[name])]
     if off:
         parts.append(f"not human: {', '.join(MEASURES[name].label for name in off)}")
     return "; ".join(parts) + ("" if row.taught else "; its reference was never seen in training")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -73,20 +72,19 @@ def ramp_said(strides: RampStrides) -> str:
 
 def cost_said(tables: GridTables) -> str:
     """Whether the cost of transport of each gait is a U over speed."""
-    costs = tables.summary["cost_of_transport"]["student"]
-    said = [cost_of_gait(str(gait), rows, costs) for gait, rows in tables.student.groupby("gait")]
+    said = [cost_of_gait(str(gait), rows) for gait, rows in tables.student.groupby("gait")]
     return " ".join(text for text in said if text)
 
 
-def cost_of_gait(gait: str, rows: pd.DataFrame, costs: Mapping[str, Any]) -> str:
-    """In a sentence; nothing where there are too few cells. costs: by gait, of grid.json."""
-    known = rows[np.isfinite(rows.cost_of_transport)].sort_values("speed_m_per_s")
+def cost_of_gait(gait: str, rows: pd.DataFrame) -> str:
+    """In a sentence, over the cells in which no episode falls; nothing where these are too few."""
+    known = rows[np.isfinite(rows.cost_of_transport) & (rows.falls == 0)].sort_values("speed_m_per_s")
     if len(known) < FEWEST_COSTS:
         return ""
     own, speeds = known.cost_of_transport.to_numpy(float), known.speed_m_per_s.to_numpy(float)
     least = int(own.argmin())
     ends = [100.0 * (own[end] / own[least] - 1.0) for end in (0, -1)]
-    shape = "a U over speed" if costs[gait]["is_u"] else "no U over speed"
+    shape = "a U over speed" if 0 < least < len(own) - 1 else "no U over speed"
     return (
         f"Cost of transport of its {gait}: {shape}, least at {speeds[least]:g} m/s, {ends[0]:.0f} % more at "
         f"{speeds[0]:g} and {ends[1]:.0f} % more at {speeds[-1]:g} m/s."

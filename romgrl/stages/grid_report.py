@@ -37,19 +37,8 @@ NEIGHBORS = {
 
 def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog) -> None:
     """Write report.html, the figures (PNG and PDF), the film of the ramp and report.md."""
-    model = configured(config.humanoid)
-    arrays = read_recordings(inputs["evaluation"], model.nq + model.nv, 1.0 / config.humanoid.control_frequency)
-    tables = read_grid_tables(inputs["evaluation"])
-    report = GridReport(
-        tables=tables,
-        arrays=arrays,
-        strides=ramp_strides(arrays),
-        references=cell_references(config, inputs["library"]),
-        model=model,
-        far=skeleton_of(model).right_side,
-        manifests=manifests_of(inputs),
-        seed=config.seed,
-    )
+    report = report_of(config, inputs)
+    tables = report.tables
     for old in output.glob("*.mp4"):  # of an attempt that was stopped
         old.unlink()
     poster, films = draw_ramp(report, output, log, filmed=config.evaluation.video)
@@ -64,6 +53,22 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
     files = {name: what for name, what in NEIGHBORS.items() if (output / name).is_file()}
     write_commands_page(output / "report.html", report, film=films[0] if films else None, files=files)
     log.message(grid_summary_text(tables, report.strides))
+
+
+def report_of(config: Config, inputs: Mapping[str, Path]) -> GridReport:
+    """What is reported, read from the artifacts of the stages."""
+    model = configured(config.humanoid)
+    arrays = read_recordings(inputs["evaluation"], model.nq + model.nv, 1.0 / config.humanoid.control_frequency)
+    return GridReport(
+        tables=read_grid_tables(inputs["evaluation"]),
+        arrays=arrays,
+        strides=ramp_strides(arrays),
+        references=cell_references(config, inputs["library"]),
+        model=model,
+        far=skeleton_of(model).right_side,
+        manifests=manifests_of(inputs),
+        seed=config.seed,
+    )
 
 
 def manifests_of(inputs: Mapping[str, Path]) -> dict[str, Manifest]:

@@ -23,7 +23,8 @@ from romgrl.provenance.stage_graph import plan, wanted
 from romgrl.provenance.stage_keys import stage_function
 from romgrl.report import ramp_film
 from romgrl.report.command_grid import GRID_MEASURES, row_minima, said_of_cell
-from romgrl.report.grid_markdown import cost_of_gait
+from romgrl.report.grid_markdown import cost_of_gait, grid_summary_text
+from romgrl.report.page.commands_page import write_commands_page
 from romgrl.report.page.played_cells import played_cells
 from romgrl.report.page.scene import humanoid_points
 from romgrl.report.ramp_strides import gait_of_stride, ramp_strides
@@ -212,11 +213,13 @@ def test_poses_of_the_poster_are_of_times_before_a_fall() -> None:
 
 
 def test_cost_of_transport_in_words() -> None:
-    rows = pd.DataFrame({"speed_m_per_s": [1.0, 1.5, 2.0], "cost_of_transport": [0.3, 0.2, 0.25]})
-    assert cost_of_gait("walk", rows, {"walk": {"is_u": True}}) == (
+    rows = pd.DataFrame({"speed_m_per_s": [1.0, 1.5, 2.0, 3.0], "cost_of_transport": [0.3, 0.2, 0.25, 0.1]})
+    rows["falls"] = [0, 0, 0, 1]
+    assert cost_of_gait("walk", rows) == (
         "Cost of transport of its walk: a U over speed, least at 1.5 m/s, 50 % more at 1 and 25 % more at 2 m/s."
     )
-    assert cost_of_gait("walk", rows[:2], {}) == ""
+    assert "no U over speed, least at 3 m/s" in cost_of_gait("walk", rows.assign(falls=[1, 0, 0, 0]))
+    assert cost_of_gait("walk", rows[:2]) == ""
 
 
 def test_what_is_no_evaluation_is_refused(tmp_path: Path) -> None:
@@ -257,7 +260,23 @@ def test_the_ramp_is_filmed(tmp_path: Path, compose_config: Composer) -> None:
 def test_said_of_a_cell_without_a_steady_speed(made: Made) -> None:
     row = read_grid_tables(made.inputs["evaluation"]).student.iloc[FALLS].copy()
     row["steady_speed_m_per_s"] = np.nan
-    assert said_of_cell(row).startswith("no steady speed; falls in 8 of 8 episodes")
+    row["stride_frequency_hz"] = np.nan
+    assert said_of_cell(row) == "no steady speed; falls in 8 of 8 episodes; not human: cost of transport, duty factor"
+
+
+def test_a_student_that_falls_at_once_has_a_report(tmp_path: Path, compose_config: Composer) -> None:
+    """As one that has hardly trained: nothing of it strides, and no cell can be compared."""
+    config = commanded(compose_config)
+    inputs = write_grid(tmp_path / "in", ramp_falls_at=0)
+    directory = inputs["evaluation"]
+    mmd = pd.read_csv(directory / "mmd.csv", index_col=0)
+    (mmd * np.nan).to_csv(directory / "mmd.csv")
+    report = grid_report.report_of(config, inputs)
+    assert "fell after 0.0 s, at 0.50 m/s" in grid_summary_text(report.tables, report.strides)
+    assert ramp_film.pose_steps(report.strides).tolist() == [0]
+    write_commands_page(tmp_path / "report.html", report, film=None, files={})
+    text = (tmp_path / "report.html").read_text("utf-8").split(BEFORE)[0]
+    assert 'id="ramp"' not in text
 
 
 def test_a_report_of_a_conditioned_student_is_made_from_its_library(compose_config: Composer) -> None:

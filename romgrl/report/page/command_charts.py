@@ -124,6 +124,9 @@ def matrix_charts(tables: GridTables) -> list[Chart]:
     least = row_minima(tables.mmd)
     known = np.isfinite(least)
     names = [str(name) for name in tables.mmd.columns]
+    if not known.any():
+        note = {"text": "too few episodes without a fall", "font": {"color": GREY}, "showarrow": False}
+        distances.add_annotation(x=0.5, y=0.5, xref="paper", yref="paper", **note)
     distances.add_scatter(
         x=[names[int(column)] for column in least[known]],
         y=[str(name) for name in tables.mmd.index[known]],

@@ -18,7 +18,7 @@ from romgrl.stages.wiring.artifact_arrays import Arrays, check_number, read_tabl
 RECORDED_CELL = {"features": (len(CHANNELS),), "velocity": (), "contact": (2,), "valid": ()}
 """Arrays of a cell and of the ramp, and the shape of a step of theirs; states have the model's."""
 TRANSITION_COLUMNS = ("walker", "transition", "falls", "episodes")
-SUMMARY = ("bars", "cost_of_transport", "ramp")
+SUMMARY = ("bars",)
 
 
 def read_grid_tables(directory: Path) -> GridTables:
