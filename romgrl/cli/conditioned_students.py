@@ -9,12 +9,13 @@ from romgrl.cli.other_libraries import OTHER_LIBRARIES_KEYS
 from romgrl.config.commanded import USUAL_STIFFNESS, conditioned_keys, is_conditioned, is_taught, needs_library
 from romgrl.config.schema import Config
 from romgrl.config.values import refusal, show, value_of
-from romgrl.errors import RomgrlError
+from romgrl.errors import ConfigurationError, RomgrlError
 
-FOLLOWED = ("teacher", "reference", "library", "student", "baseline", "sync")
+FOLLOWED = ("teacher", "reference", "library", "student", "baseline", "export", "watch", "sync")
 """The values of `stage` that a conditioned student has; its evaluation over the grid of commands will be one more."""
+BEGINS = ("export", "watch")
+"""Those of them that begin with `speed`."""
 OF_ONE_SPEED = {
-    "student.pretrained": False,
     "student.adapt_eta": False,
     "student.end_early": False,
     "student.second_try": False,
@@ -22,6 +23,7 @@ OF_ONE_SPEED = {
     "discriminator.reward": "recomputed",
 }
 CONDITIONED_KEYS = ("student.kind", "stage", "discriminator.loss", *OF_ONE_SPEED)
+BEGUN_KEYS = ("speed", "teacher.gait", "student.standing_share")
 TAUGHT_KEYS = (
     *OTHER_LIBRARIES_KEYS,
     "student.kind",
@@ -30,11 +32,12 @@ TAUGHT_KEYS = (
     "student.mismatch_distance",
     "discriminator.enabled",
     "eta",
+    "student.pretrained",
 )
 
 
 def conditioned_student(config: Config) -> Iterator[str]:
-    """A student that follows commands is made, but not yet evaluated, exported or watched; none ships."""
+    """A student that follows commands is made, exported and watched, but not yet evaluated."""
     if not is_conditioned(config):
         return
     where = f"with student.kind={config.student.kind}"
@@ -72,6 +75,23 @@ def taught_by_library(config: Config) -> Iterator[str]:
             yield refusal("student.mismatch_distance", student.mismatch_distance, permitted)
 
 
+def speed_begun_with(config: Config) -> Iterator[str]:
+    """What begins with `speed` has a gait for it."""
+    if not is_conditioned(config) or config.stage not in BEGINS:
+        return
+    from romgrl.humanoid.command_limits import CommandLimits
+
+    student = conditioned_keys(config.student)
+    try:
+        cells = [(gait, speed) for gait, speed in usual_cells(config) if is_taught(speed, student.taught_step)]
+        if cells:
+            CommandLimits.of(cells, student.standing_share).begun(config.speed, config.teacher.gait)
+    except ConfigurationError as error:
+        yield str(error)
+    except (RomgrlError, OSError):  # `other_libraries` says so, and what ships where it is asked for
+        return
+
+
 def usual_cells(config: Config) -> list[tuple[str, float]]:
     """Gaits and speeds, m/s, that a library has on legs of the usual stiffness, whether fit or not where they are not
     made yet. Raises ArtifactError for other libraries that are none."""
@@ -84,3 +104,10 @@ def usual_cells(config: Config) -> list[tuple[str, float]]:
         library = read_library(Path(place), steps=config.reference.steps, dt=1.0 / config.humanoid.control_frequency)
         cells += cells_of(library.table[library.table.fit])
     return [(cell.gait, cell.speed) for cell in cells if cell.share == USUAL_STIFFNESS and not cell.apex]
+
+
+CONDITIONED_CHECKS = (
+    (CONDITIONED_KEYS, conditioned_student),
+    (TAUGHT_KEYS, taught_by_library),
+    ((*TAUGHT_KEYS, *BEGUN_KEYS), speed_begun_with),
+)

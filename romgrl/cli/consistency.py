@@ -14,7 +14,7 @@ from typing import Any
 
 from omegaconf import OmegaConf
 
-from romgrl.cli.conditioned_students import CONDITIONED_KEYS, TAUGHT_KEYS, conditioned_student, taught_by_library
+from romgrl.cli.conditioned_students import CONDITIONED_CHECKS
 from romgrl.cli.config_files import CONF
 from romgrl.cli.cycle_resets import CYCLE_CHECKS
 from romgrl.cli.locations import is_file, is_readable, outputs_directory, tracking_store
@@ -286,8 +286,7 @@ CHECKS: tuple[tuple[tuple[str, ...], Callable[[Config], Iterator[str]]], ...] = 
     ((*REFERENCE, "evaluation.window"), scored_window),
     ((*REFERENCE, *DISCRIMINATOR), discriminator_windows),
     (CRITIC, critic),
-    (CONDITIONED_KEYS, conditioned_student),
-    (TAUGHT_KEYS, taught_by_library),
+    *CONDITIONED_CHECKS,
     (ROM_KEYS, reduced_order_model),
     (("humanoid.xml", "humanoid.skeleton", "humanoid.actuation"), humanoid_file),
     *CYCLE_CHECKS,

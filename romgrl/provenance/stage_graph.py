@@ -24,7 +24,8 @@ class Stage:
     module:function from its directory to numbers of a run, and to what ends a job on the terminal. `beside`: what ships
     trained and is compared with. `drawn`: it makes pictures. `optional`: it is made only where it is asked for by name,
     or read. `fetched`: it may come from a tracking server, which no code is taken from. `conditioned`: the stages that
-    it reads in place of `upstream` where the student is conditioned; None: it knows of no such student.
+    it reads in place of `upstream` where the student is conditioned; None: it knows of no such student. `asks`: keys
+    that it depends on then, beside those of `depends` but for speeds.
     """
 
     doc: str
@@ -40,6 +41,7 @@ class Stage:
     optional: bool = False
     fetched: bool = True
     conditioned: tuple[str, ...] | None = None
+    asks: tuple[str, ...] = ()
 
     def reads(self, *, conditioned: bool) -> tuple[str, ...]:
         """The stages that it reads, with a student that is conditioned or not."""
@@ -138,6 +140,8 @@ STAGES: dict[str, Stage] = {
         knobs=WALKING_KNOBS,
         optional=True,
         fetched=False,
+        conditioned=("student", "library"),
+        asks=("speed", "teacher.gait", "student.taught_step", "student.standing_share", "reference.steps"),
     ),
 }
 ACTIONS = {

@@ -57,6 +57,7 @@ def stage_settings(stage: str, config: Config) -> dict[str, Any]:
         settings |= {f"{key}.{name}": item for name, item in asdict(value).items()} if nested else {key: value}
     if is_conditioned(config) and STAGES[stage].conditioned is not None:  # asked for more than speed
         settings = {name: value for name, value in settings.items() if name not in ("speed", "teacher.speed")}
+        settings |= {name: value_of(config, name) for name in STAGES[stage].asks}
     elif settings.get("student.kind") == "one_speed":  # as the keys of all that was trained before there was another
         del settings["student.kind"]
     if stage in ("teacher", "library"):  # of a range, both are the same whichever of it is asked for later

@@ -10,8 +10,6 @@ from romgrl.algorithms import sac
 from romgrl.algorithms.policy_file import require_names
 from romgrl.errors import ArtifactError
 from romgrl.humanoid.model import identity
-from romgrl.humanoid.observation import observation_names
-from romgrl.humanoid.skeleton import skeleton_of
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 
 
@@ -25,6 +23,5 @@ def read_walker(directory: Path, env: PlanarHumanoidVectorEnv) -> sac.SACPolicy:
     low, high = int(policy.columns.min()), int(policy.columns.max())
     if low < 0 or high >= observations:
         raise ArtifactError(f"{path}: observation columns from {low} to {high}; needed: below {observations}")
-    names = observation_names(skeleton_of(env.model))
-    require_names(path, policy.names, [names[column] for column in policy.columns.tolist()])
+    require_names(path, policy.names, [env.observation_names[column] for column in policy.columns.tolist()])
     return policy
