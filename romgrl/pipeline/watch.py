@@ -9,6 +9,7 @@ from rich.console import Console
 
 from romgrl.artifacts import may_write, open_artifact
 from romgrl.artifacts.workspace import Workspace
+from romgrl.config.commanded import is_conditioned
 from romgrl.config.schema import Config
 from romgrl.errors import ArtifactError
 from romgrl.pipeline.job import Job
@@ -26,11 +27,13 @@ def watch(config: Config, console: Console) -> dict[str, Path]:
     walker, outputs = config.watch.walker, Path(config.paths.outputs)
     recorder = Recorder("", "", outputs, enabled=False)
     bars = make_bars(console)
-    directory = newest(Job(config, recorder, recorder.start("watch", tags={}), bars), walker)
+    job = Job(config, recorder, recorder.start("watch", tags={}), bars)
+    directory = newest(job, walker)
+    inputs = {walker: directory} | ({"library": library_of(job)} if is_conditioned(config) else {})
     output = film_directory(outputs / "watch" / directory.name, walker)
     with TerminalLog("watch", output, bars=bars) as log:
         log.message(f"{walker} {'in training' if directory.suffix else 'as trained'}: {directory}")
-        execute("romgrl.stages.watch:run", config, {walker: directory}, output, log)
+        execute("romgrl.stages.watch:run", config, inputs, output, log)
     return {}
 
 
@@ -40,6 +43,14 @@ def film_directory(place: Path, walker: str) -> Path:
         return Path(tempfile.mkdtemp(prefix="romgrl-watch-"))
     place.mkdir(parents=True, exist_ok=True)
     return place
+
+
+def library_of(job: Job) -> Path:
+    """The finished library of a conditioned student that is there, and so is what taught it."""
+    directory = job.directory("library")
+    assert directory is not None
+    open_artifact(directory, stage="library", key=directory.name)
+    return directory
 
 
 def newest(job: Job, walker: str) -> Path:
