@@ -52,7 +52,7 @@ def conditioned_student(config: Config) -> Iterator[str]:
 
 def taught_by_library(config: Config) -> Iterator[str]:
     """The library that a student is to be taught by has cells enough, before any of them is made."""
-    if not is_conditioned(config) or not needs_library(config):
+    if not is_conditioned(config) or not needs_library(config) or config.student.pretrained:
         return
     try:
         usual = usual_cells(config)
@@ -96,11 +96,13 @@ def usual_cells(config: Config) -> list[tuple[str, float]]:
     """Gaits and speeds, m/s, that a library has on legs of the usual stiffness, whether fit or not where they are not
     made yet. Raises ArtifactError for other libraries that are none."""
     from romgrl.provenance.library_grid import library_cells
+    from romgrl.provenance.shipped import follows_shipped, shipped_directory
     from romgrl.report.finished_library import asked_cell, cells_of, read_library
 
-    teachers = [at.teacher for at in library_cells(config)]
+    ships = follows_shipped(config)
+    teachers = [] if ships else [at.teacher for at in library_cells(config)]
     cells = [asked_cell(at.gait, at.speed, at.apex, at.stiffness_share) for at in teachers]
-    for place in config.library.others or ():
+    for place in [shipped_directory("library", conditioned=True)] if ships else config.library.others or ():
         library = read_library(Path(place), steps=config.reference.steps, dt=1.0 / config.humanoid.control_frequency)
         cells += cells_of(library.table[library.table.fit])
     return [(cell.gait, cell.speed) for cell in cells if cell.share == USUAL_STIFFNESS and not cell.apex]

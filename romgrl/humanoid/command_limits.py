@@ -46,6 +46,12 @@ class CommandLimits:
         ranges = [f"{gait} {low:g} to {high:g} m/s" for gait, (low, high) in self.speeds.items()]
         return ", ".join([*(["0 (to stand)"] if self.stands else []), *ranges])
 
+    @property
+    def slowest(self) -> Asked:
+        """The slowest command of the first gait."""
+        gait, (low, _) = next(iter(self.speeds.items()))
+        return Asked(low, gait)
+
     def columns(self, asked: Asked) -> list[float]:
         """Speed, a weight for each gait, and style: the command as a policy sees it."""
         return [asked.speed, *(float(gait == asked.gait) for gait in self.speeds), asked.style]

@@ -288,6 +288,7 @@ MISFITS = (
     ("discriminator.held_out", "discriminator.held_out=0.00001"),
     ("stage", "student=conditioned"),
     ("teacher.speeds", "student=conditioned stage=student"),
+    ("speed", "student=conditioned teacher=variable_running stage=watch speed=1"),
     ("rom.reset_hip_angle", "rom.hip_angle_limit=0.2"),
     ("rom.roll_over_radius", "rom.roll_over_radius=0.05"),
     ("rom.stiffness", "rom.substeps=1"),
