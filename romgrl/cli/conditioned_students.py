@@ -22,7 +22,14 @@ OF_ONE_SPEED = {
     "discriminator.imitated": "teacher",
     "discriminator.reward": "recomputed",
 }
-CONDITIONED_KEYS = ("student.kind", "stage", "discriminator.loss", *OF_ONE_SPEED)
+CONDITIONED_KEYS = (
+    "student.kind",
+    "stage",
+    "discriminator.loss",
+    "library.others",
+    "student.pretrained",
+    *OF_ONE_SPEED,
+)
 BEGUN_KEYS = ("speed", "teacher.gait", "student.standing_share")
 TAUGHT_KEYS = (
     *OTHER_LIBRARIES_KEYS,
@@ -43,6 +50,8 @@ def conditioned_student(config: Config) -> Iterator[str]:
     where = f"with student.kind={config.student.kind}"
     if config.stage not in FOLLOWED:
         yield refusal("stage", config.stage, f"{', '.join(FOLLOWED)} {where}: it has no one speed")
+    if config.student.pretrained and config.library.others is not None:
+        yield refusal("library.others", config.library.others, "null with student.pretrained=true: its library ships")
     for key, needed in OF_ONE_SPEED.items():
         if value_of(config, key) != needed:
             yield refusal(key, value_of(config, key), f"{show(needed)} {where}")

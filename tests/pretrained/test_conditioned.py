@@ -15,6 +15,7 @@ import pytest
 from romgrl.artifacts import open_artifact, read_manifest, write_manifest
 from romgrl.cli.consistency import misfits
 from romgrl.config.schema import Config
+from romgrl.config.values import show
 from romgrl.errors import ArtifactError, ConfigurationError
 from romgrl.pipeline import run as pipeline
 from romgrl.pretrained import conditioned
@@ -151,6 +152,7 @@ REFUSED = {
     "speed": (9.0, "allowed: 0 (to stand), run 2 to 4 m/s, walk 1 to 2 m/s"),
     "humanoid.mass": (80.0, "allowed: 71.8, as the pretrained"),
     "student.standing_share": (0.0, "allowed: 0.05, as the pretrained student was trained"),
+    "library.others": (["/elsewhere"], "allowed: null with student.pretrained=true: its library ships"),
     "student.taught_step": (2.0, "allowed: null, as the pretrained student was trained"),
 }
 
@@ -164,7 +166,7 @@ def test_what_it_was_not_made_for_is_refused_before_any_work(
     assert not [*misfits(config)]
     with pytest.raises(ConfigurationError) as error:
         pipeline.run(with_value(config, key, value))
-    assert str(error.value).startswith(f"{key}: {value} is not allowed; ")
+    assert str(error.value).startswith(f"{key}: {show(value)} is not allowed; ")
     assert told in str(error.value)
     assert "\n" not in str(error.value)
     assert not (tmp_path / "outputs").exists()

@@ -20,6 +20,8 @@ from romgrl.humanoid.observation import observation_names
 from romgrl.humanoid.skeleton import SMPL
 from romgrl.humanoid.task import controls
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
+from romgrl.provenance.stage_graph import plan
+from romgrl.provenance.stage_keys import stage_key
 from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import export
 from romgrl.stages.wiring.humanoid import humanoid_env
@@ -161,6 +163,15 @@ def test_a_speed_that_no_gait_has_is_refused(follower: Follower, tmp_path: Path)
         export.run(with_value(config, "speed", 7.0), inputs, tmp_path, SilentLog())
     assert str(told.value).startswith(line)
     assert not [*tmp_path.iterdir()]
+
+
+def test_its_key_follows_the_speed_that_it_begins_with(follower: Follower) -> None:
+    config, _ = follower
+    assert plan(["export"], lambda stage: False, conditioned=True) == ["teacher", "library", "student", "export"]
+    before = stage_key("export", config, {})
+    assert stage_key("export", with_value(config, "speed", 3.0), {}) != before
+    assert stage_key("export", with_value(config, "teacher.gait", "walk"), {}) != before
+    assert stage_key("student", with_value(config, "speed", 3.0), {}) == stage_key("student", config, {})
 
 
 def test_a_student_of_other_gaits_is_refused(follower: Follower, tmp_path: Path) -> None:
