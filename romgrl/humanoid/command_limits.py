@@ -10,12 +10,12 @@ from romgrl.config.commanded import USUAL_STIFFNESS
 from romgrl.config.values import refusal
 from romgrl.errors import ConfigurationError
 
-SPEED_SLACK = 1e-6
+RANGE_SLACK = 1e-6
 """m/s by which a speed may lie outside a range."""
 Ends = tuple[float, float]
 
 
-class Asked(NamedTuple):
+class AskedCommand(NamedTuple):
     """A command of one gait: speed, m/s, 0 to stand, and style, share of a leg's stiffness."""
 
     speed: float
@@ -47,21 +47,21 @@ class CommandLimits:
         return ", ".join([*(["0 (to stand)"] if self.stands else []), *ranges])
 
     @property
-    def slowest(self) -> Asked:
+    def slowest(self) -> AskedCommand:
         """The slowest command of the first gait."""
         gait, (low, _) = next(iter(self.speeds.items()))
-        return Asked(low, gait)
+        return AskedCommand(low, gait)
 
-    def columns(self, asked: Asked) -> list[float]:
+    def columns(self, asked: AskedCommand) -> list[float]:
         """Speed, a weight for each gait, and style: the command as a policy sees it."""
         return [asked.speed, *(float(gait == asked.gait) for gait in self.speeds), asked.style]
 
-    def begun(self, speed: float, preferred: str) -> Asked:
+    def begun(self, speed: float, preferred: str) -> AskedCommand:
         """The command with which a walker begins at a speed, m/s: in the preferred gait where that has the speed, else
         in the first that has. Raises ConfigurationError where none has."""
         gaits = sorted(self.speeds, key=lambda gait: gait != preferred)
         for gait in gaits:
             low, high = self.speeds[gait]
-            if (speed == 0 and self.stands) or low - SPEED_SLACK <= speed <= high + SPEED_SLACK:
-                return Asked(speed, gait)
+            if (speed == 0 and self.stands) or low - RANGE_SLACK <= speed <= high + RANGE_SLACK:
+                return AskedCommand(speed, gait)
         raise ConfigurationError(refusal("speed", speed, f"{self.text}, as the student was taught"))

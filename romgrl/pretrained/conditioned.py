@@ -28,7 +28,7 @@ CONDITIONED_CARD = "MODEL_CARD.md"
 LARGEST_SHIPPED = 3_000_000
 """Bytes of all that ships of it."""
 NOT_COMPARED = ("library.others", "student.pretrained")
-TEXT = """# Model card: the pretrained student of romgrl that follows commands
+COMMANDED_CARD_TEXT = """# Model card: the pretrained student of romgrl that follows commands
 
 Written by `python -m romgrl.pretrained` from the manifests of the artifacts and the tables beside them.
 
@@ -181,7 +181,7 @@ def conditioned_card(target: Path, found: dict[str, Found]) -> str:
         for stage, each in manifests.items()
     ]
     settings = {stage: each for stage, each in manifests.items() if stage != "library"}
-    return TEXT.format(
+    return COMMANDED_CARD_TEXT.format(
         ranges=", ".join(ranges),
         cells=len(cells),
         library=manifests["library"].digest,

@@ -14,7 +14,7 @@ import pytest
 
 from romgrl.config.schema import Config
 from romgrl.errors import ConfigurationError
-from romgrl.humanoid.command_limits import Asked, CommandLimits
+from romgrl.humanoid.command_limits import AskedCommand, CommandLimits
 from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import watch
 from romgrl.stages.conditioned.command_keys import (
@@ -33,21 +33,21 @@ from tests.helpers.configurations import with_value
 
 LIMITS = CommandLimits({"run": (2.0, 4.1), "walk": (0.5, 2.0)}, stands=True)
 STYLED = CommandLimits({"run": (2.0, 4.0)}, stands=False, styles=(0.7, 1.4))
-RUN = Asked(3.0, "run")
+RUN = AskedCommand(3.0, "run")
 PRESSED = {
-    "faster": (LIMITS, [UP, UP], Asked(3.5, "run")),
-    "no faster than it can": (LIMITS, [UP] * 9, Asked(4.1, "run")),
-    "slower": (LIMITS, [DOWN], Asked(2.75, "run")),
-    "no slower than it can": (LIMITS, [DOWN] * 9, Asked(2.0, "run")),
-    "another gait at its fastest": (LIMITS, [ord("2")], Asked(2.0, "walk")),
-    "and back": (LIMITS, [ord("2"), DOWN, ord("1")], Asked(2.0, "run")),
+    "faster": (LIMITS, [UP, UP], AskedCommand(3.5, "run")),
+    "no faster than it can": (LIMITS, [UP] * 9, AskedCommand(4.1, "run")),
+    "slower": (LIMITS, [DOWN], AskedCommand(2.75, "run")),
+    "no slower than it can": (LIMITS, [DOWN] * 9, AskedCommand(2.0, "run")),
+    "another gait at its fastest": (LIMITS, [ord("2")], AskedCommand(2.0, "walk")),
+    "and back": (LIMITS, [ord("2"), DOWN, ord("1")], AskedCommand(2.0, "run")),
     "no third gait": (LIMITS, [ord("3"), ord("0"), ord("9")], RUN),
-    "standing": (LIMITS, [ENTER, DOWN], Asked(0.0, "run")),
-    "standing in another gait": (LIMITS, [ENTER, ord("2")], Asked(0.0, "walk")),
-    "from standing to the slowest": (LIMITS, [ENTER, UP], Asked(2.0, "run")),
+    "standing": (LIMITS, [ENTER, DOWN], AskedCommand(0.0, "run")),
+    "standing in another gait": (LIMITS, [ENTER, ord("2")], AskedCommand(0.0, "walk")),
+    "from standing to the slowest": (LIMITS, [ENTER, UP], AskedCommand(2.0, "run")),
     "never trained to stand": (STYLED, [ENTER], RUN),
-    "stiffer": (STYLED, [RIGHT, RIGHT], Asked(3.0, "run", 1.2)),
-    "softest": (STYLED, [LEFT] * 9, Asked(3.0, "run", 0.7)),
+    "stiffer": (STYLED, [RIGHT, RIGHT], AskedCommand(3.0, "run", 1.2)),
+    "softest": (STYLED, [LEFT] * 9, AskedCommand(3.0, "run", 0.7)),
     "one style": (LIMITS, [LEFT, RIGHT, RIGHT], RUN),
     "others": (LIMITS, [0, -1, 32, ord("R"), 10**6], RUN),
 }
@@ -61,7 +61,7 @@ def test_a_key_is_a_command_within_what_was_trained(case: str) -> None:
 
 def test_what_is_shown() -> None:
     assert shown_command(LIMITS, RUN) == "run at 3.00 m/s"
-    assert shown_command(LIMITS, Asked(0.0, "walk")) == "stand (walk)"
+    assert shown_command(LIMITS, AskedCommand(0.0, "walk")) == "stand (walk)"
     assert shown_command(STYLED, RUN) == "run at 3.00 m/s, stiffness × 1"
     assert [key for key, _ in keys_shown(LIMITS)] == ["up, down", "1", "2", "Enter", "R"]
     assert [key for key, _ in keys_shown(STYLED)] == ["up, down", "right, left", "R"]
@@ -69,10 +69,10 @@ def test_what_is_shown() -> None:
 
 def test_a_walker_begins_at_the_speed_in_a_gait_that_has_it() -> None:
     assert LIMITS.begun(3.0, "walk") == RUN
-    assert LIMITS.begun(2.0, "walk") == Asked(2.0, "walk")
-    assert LIMITS.begun(2.0, "run") == Asked(2.0, "run")
-    assert LIMITS.begun(0.0, "walk") == Asked(0.0, "walk")
-    assert LIMITS.columns(Asked(1.5, "walk")) == [1.5, 0.0, 1.0, 1.0]
+    assert LIMITS.begun(2.0, "walk") == AskedCommand(2.0, "walk")
+    assert LIMITS.begun(2.0, "run") == AskedCommand(2.0, "run")
+    assert LIMITS.begun(0.0, "walk") == AskedCommand(0.0, "walk")
+    assert LIMITS.columns(AskedCommand(1.5, "walk")) == [1.5, 0.0, 1.0, 1.0]
     for limits, speed in ((LIMITS, 0.2), (LIMITS, 5.0), (STYLED, 0.0)):
         with pytest.raises(ConfigurationError, match=r"^speed: .* is not allowed; allowed: .*run 2 to 4"):
             limits.begun(speed, "run")
@@ -82,7 +82,7 @@ def test_keys_of_another_thread_are_all_taken_and_asked_from_the_next_step(
     follower: tuple[Config, dict[str, Path]],
 ) -> None:
     config, inputs = follower
-    keys = PressedKeys(CommandLimits({"run": (2.0, 4.0), "walk": (1.0, 2.0)}, stands=True), Asked(2.0, "run"))
+    keys = PressedKeys(CommandLimits({"run": (2.0, 4.0), "walk": (1.0, 2.0)}, stands=True), AskedCommand(2.0, "run"))
     env = humanoid_env(config, num_envs=1, commands=keys)
     states = watch.walk_on(env, inputs["student"], 0, keys)
     next(states)
@@ -92,7 +92,7 @@ def test_keys_of_another_thread_are_all_taken_and_asked_from_the_next_step(
     for each in presses:
         each.join()
     next(states)
-    assert keys.asked == Asked(3.25, "run")
+    assert keys.asked == AskedCommand(3.25, "run")
     assert env.command()[0, -4:].tolist() == [3.25, 1.0, 0.0, 1.0]
     for _ in range(30):
         place = next(states)[0][0]

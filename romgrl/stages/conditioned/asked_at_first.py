@@ -6,7 +6,7 @@ from pathlib import Path
 
 from romgrl.config.commanded import conditioned_keys
 from romgrl.config.schema import Config
-from romgrl.humanoid.command_limits import Asked, CommandLimits
+from romgrl.humanoid.command_limits import AskedCommand, CommandLimits
 from romgrl.stages.conditioned.cells import read_command_cells
 
 
@@ -17,6 +17,6 @@ def read_command_limits(library: Path, config: Config) -> CommandLimits:
     return CommandLimits.of(taught, conditioned_keys(config.student).standing_share)
 
 
-def first_command(limits: CommandLimits, config: Config) -> Asked:
+def first_command(limits: CommandLimits, config: Config) -> AskedCommand:
     """At `speed`, in the gait of the teacher where that has it. Raises ConfigurationError."""
     return limits.begun(config.speed, config.teacher.gait)

@@ -11,7 +11,7 @@ from queue import Empty, SimpleQueue
 import numpy as np
 
 from romgrl.humanoid.command_checks import Array, Rows
-from romgrl.humanoid.command_limits import Asked, CommandLimits
+from romgrl.humanoid.command_limits import AskedCommand, CommandLimits
 
 SPEED_STEP, STYLE_STEP = 0.25, 0.1
 """What a press of an arrow changes: m/s, share of a leg's stiffness."""
@@ -20,7 +20,7 @@ UP, DOWN, LEFT, RIGHT, ENTER, RESET, FIRST_GAIT = 265, 264, 263, 262, 257, ord("
 MOST_GAITS = 9
 
 
-def after_key(limits: CommandLimits, asked: Asked, key: int) -> Asked:
+def after_key(limits: CommandLimits, asked: AskedCommand, key: int) -> AskedCommand:
     """The command after a key; the same one where the key asks for nothing that the walker was trained for."""
     gaits = [*limits.speeds][:MOST_GAITS]
     low, high = limits.speeds[asked.gait]
@@ -52,7 +52,7 @@ def keys_shown(limits: CommandLimits) -> list[tuple[str, str]]:
     ]
 
 
-def shown_command(limits: CommandLimits, asked: Asked) -> str:
+def shown_command(limits: CommandLimits, asked: AskedCommand) -> str:
     """The command in words, such as `run at 2.25 m/s`."""
     style = f", stiffness × {asked.style:g}" if limits.styles[0] < limits.styles[1] else ""
     return f"stand ({asked.gait}){style}" if asked.speed == 0 else f"{asked.gait} at {asked.speed:.2f} m/s{style}"
@@ -66,7 +66,7 @@ class PressedKeys:
 
     count = 1
 
-    def __init__(self, limits: CommandLimits, asked: Asked) -> None:
+    def __init__(self, limits: CommandLimits, asked: AskedCommand) -> None:
         self.limits, self.asked, self.gaits = limits, asked, tuple(limits.speeds)
         self._pressed: SimpleQueue[int] = SimpleQueue()
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 COMMANDS_FORM = "TIME:SPEED or TIME:SPEED:GAIT, ... with times that rise from 0 s, such as 0:2,5:3.5"
-LATE = 1e-6  # s by which a change may seem to be late and is not
+LATE_SECONDS = 1e-6  # s by which a change may seem to be late and is not
 
 
 class Timed(NamedTuple):
@@ -36,7 +36,7 @@ class TimedCommands:
 
     def at(self, seconds: float) -> NDArray[np.float32]:
         """The command (2 + G,) of a time."""
-        row = int(np.searchsorted(self.times, seconds + LATE, side="right")) - 1
+        row = int(np.searchsorted(self.times, seconds + LATE_SECONDS, side="right")) - 1
         now = self.commands[row].copy()
         if self.ramp and row + 1 < len(self.times):
             share = (seconds - self.times[row]) / (self.times[row + 1] - self.times[row])
@@ -70,7 +70,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--style", type=float, help="share of the leg's stiffness (default: that of policy.json)")
 
 
-def follow(policy: Any, description: dict[str, Any], parser: argparse.ArgumentParser) -> tuple[Any, list[float]]:
+def follow_options(
+    policy: Any, description: dict[str, Any], parser: argparse.ArgumentParser
+) -> tuple[Any, list[float]]:
     """The policy with the commands that the options of the parser ask for, and the speeds as they come, m/s.
 
     Ends the process for options that are not allowed.
@@ -142,7 +144,7 @@ def gait_with(
         raise ValueError(refused(option, gait, ", ".join(speeds)))
     for name in [gait] if gait is not None else [before, *speeds]:
         low, high = speeds[name]
-        if (speed == 0 and stands) or low - LATE <= speed <= high + LATE:
+        if (speed == 0 and stands) or low - LATE_SECONDS <= speed <= high + LATE_SECONDS:
             return name
     told = [f"{name} {low:g} to {high:g} m/s" for name, (low, high) in speeds.items() if gait in (None, name)]
     raise ValueError(refused(option, speed, ", ".join([*(["0 (to stand)"] if stands else []), *told])))

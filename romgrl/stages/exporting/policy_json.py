@@ -11,7 +11,7 @@ import onnx
 import romgrl
 from romgrl.artifacts import Manifest
 from romgrl.config.schema import Config
-from romgrl.humanoid.command_limits import Asked, CommandLimits
+from romgrl.humanoid.command_limits import AskedCommand, CommandLimits
 from romgrl.humanoid.digest import physics_digest
 from romgrl.humanoid.skeleton import skeleton_of
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
@@ -78,7 +78,7 @@ def policy_description(config: Config, env: PlanarHumanoidVectorEnv, student: Ma
     }
 
 
-def command_section(env: PlanarHumanoidVectorEnv, limits: CommandLimits, asked: Asked) -> Section:
+def command_section(env: PlanarHumanoidVectorEnv, limits: CommandLimits, asked: AskedCommand) -> Section:
     """The second input of the graph: its columns, what may be asked for, and `asked` to begin with."""
     names = [name for name in env.observation_names if name.startswith(COMMAND)]
     units = ["m/s", *("1" for _ in names[1:])]

@@ -31,9 +31,7 @@ Vector = NDArray[np.float64]
 Description = dict[str, Any]  # what policy.json says
 
 FORMAT_READ = 1
-EXIT_CODES = (
-    "exit code: 0 after a walk, fallen or not; 1: file or package missing or broken; 2: bad option; 130: Ctrl-C"
-)
+EXIT_CODES = "exit code: 0 after a walk, fallen or not; 1: file or package missing, broken; 2: bad option; 130: Ctrl-C"
 
 
 class BadFileError(Exception):
@@ -282,7 +280,7 @@ def main() -> None:
         rate = walker.description["control"]["rate"]
         acting, asked = policy, [walker.description.get("target_speed", {}).get("value")]
         if follows is not None:
-            acting, asked = follows.follow(policy, walker.description, parser)
+            acting, asked = follows.follow_options(policy, walker.description, parser)
         positions = walk(walker, acting, max(1, round(options.seconds * rate)))
         for position in in_viewer(walker, positions) if options.viewer else positions:
             walked.append(position)
