@@ -24,10 +24,10 @@ export PIP_BUILD_CONSTRAINT := constraints.txt
 failed = echo "make: $(1) failed: $(2); then run the same command again" >&2; exit 1
 
 .DEFAULT_GOAL := help
-.PHONY: help install run test test-slow test-faults test-sanitizers test-browser bench peers preview lint format types docs pretrained clean
+.PHONY: help install run test test-slow test-faults test-sanitizers test-browser bench peers preview lint format types docs pretrained pretrained_conditioned clean
 
 help: ## list the targets
-	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 18
+	@grep -E '^[a-z_-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 25
 
 install: $(PACKAGE) ## make the virtual environment and build the package into it
 
@@ -91,6 +91,10 @@ docs: $(PACKAGE) ## write docs/configuration.md from the schema
 
 pretrained: $(PACKAGE) ## ship the newest walkers under outputs that fit student=pretrained (other settings: ARGS="key=value")
 	$(BIN)/python -m romgrl.pretrained outputs $(ARGS)
+
+pretrained_conditioned: $(PACKAGE) ## train one student for every speed (hours), and ship it (other settings: ARGS="key=value")
+	$(BIN)/python -m romgrl student=pretrained_conditioned student.pretrained=false stage=student $(ARGS)
+	$(BIN)/python -m romgrl.pretrained outputs student=pretrained_conditioned $(ARGS)
 
 clean: ## remove what was built (results under outputs/ stay)
 	rm -rf $(VENV) build $(PEERS)

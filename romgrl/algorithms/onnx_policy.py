@@ -17,16 +17,18 @@ OPSET, IR_VERSION = 17, 8  # of 2022, so that older runtimes read it; LayerNorma
 Limits = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 
-def onnx_policy(policy: SACPolicy, *, observations: int, limits: Limits | None) -> bytes:
+def onnx_policy(policy: SACPolicy, *, observations: int, limits: Limits | None, commands: int = 0) -> bytes:
     """The file of a graph that does what the policy does, and scales its action as `limits` say.
 
     Its input is `observation` (N, O), float32, all O = `observations` columns as the environment gives them, for any N.
+    Of a policy that follows commands `command` (N, C) is another one, the C = `commands` columns behind those.
     Outputs are `action` (N, A) in [-1, 1] and, with `limits`, `control` (N, A), low + (high - low) (action + 1) / 2.
 
     limits: the least and the largest control of each actuator, (A,) each, in its unit; None: no `control`.
     """
-    graph = Graph()
-    seen = graph.add("Gather", "observation", graph.constant("columns", policy.columns), axis=1)
+    graph, inputs_of = Graph(), {"observation": observations} | ({"command": commands} if commands else {})
+    columns = graph.add("Concat", *inputs_of, axis=1) if commands else "observation"
+    seen = graph.add("Gather", columns, graph.constant("columns", policy.columns), axis=1)
     if policy.mirrors is not None:
         seen = graph.add("Concat", seen, image(graph, seen, "observation", *policy.mirrors.observation), axis=0)
     centred = graph.add("Sub", seen, graph.constant("observation_mean", policy.mean))
@@ -46,7 +48,7 @@ def onnx_policy(policy: SACPolicy, *, observations: int, limits: Limits | None) 
         scaled = graph.add("Mul", from_low, half_range)
         graph.add("Add", scaled, graph.constant("lowest_control", low.astype(np.float32)), name="control")
         names.append("control")
-    return graph.file(observations, dict.fromkeys(names, policy.policy.sizes[-1] // 2))
+    return graph.file(inputs_of, dict.fromkeys(names, policy.policy.sizes[-1] // 2))
 
 
 def image(graph: Graph, values: str, of: str, permutation: Tensor, sign: Tensor) -> str:
@@ -90,15 +92,15 @@ class Graph:
         self.nodes.append(helper.make_node(operator, [*inputs], [output], **attributes))
         return output
 
-    def file(self, inputs: int, outputs: dict[str, int]) -> bytes:
-        """The graph with the input `observation` and `outputs`, by their columns: the same bytes every time."""
+    def file(self, inputs: dict[str, int], outputs: dict[str, int]) -> bytes:
+        """The graph with `inputs` and `outputs`, by their columns: the same bytes every time."""
 
         def rows_of(name: str, columns: int) -> onnx.ValueInfoProto:
             return helper.make_tensor_value_info(name, TensorProto.FLOAT, ["batch", columns])
 
-        values = [rows_of(name, columns) for name, columns in outputs.items()]
+        read, values = ([rows_of(*each) for each in named.items()] for named in (inputs, outputs))
         constants = [*self.constants.values()]
-        graph = helper.make_graph(self.nodes, "policy", [rows_of("observation", inputs)], values, constants)
+        graph = helper.make_graph(self.nodes, "policy", read, values, constants)
         model = helper.make_model(
             graph, producer_name="romgrl", ir_version=IR_VERSION, opset_imports=[helper.make_opsetid("", OPSET)]
         )

@@ -16,18 +16,27 @@ from romgrl.config.commanded import (
 )
 from romgrl.config.schema import Config
 from romgrl.config.values import refusal, show, value_of
-from romgrl.errors import RomgrlError
+from romgrl.errors import ConfigurationError, RomgrlError
 
-FOLLOWED = ("teacher", "reference", "library", "student", "baseline", *GRID_STAGES, "sync")
+FOLLOWED = ("teacher", "reference", "library", "student", "baseline", *GRID_STAGES, "export", "watch", "sync")
 """The values of `stage` that a conditioned student has."""
+BEGINS = ("export", "watch")
+"""Those of them that begin with `speed`."""
 OF_ONE_SPEED = {
-    "student.pretrained": False,
     "student.end_early": False,
     "student.second_try": False,
     "discriminator.imitated": "teacher",
     "discriminator.reward": "recomputed",
 }
-CONDITIONED_KEYS = ("student.kind", "stage", "discriminator.loss", *OF_ONE_SPEED)
+CONDITIONED_KEYS = (
+    "student.kind",
+    "stage",
+    "discriminator.loss",
+    "library.others",
+    "student.pretrained",
+    *OF_ONE_SPEED,
+)
+BEGUN_KEYS = ("speed", "teacher.gait", "student.standing_share")
 TAUGHT_KEYS = (
     *OTHER_LIBRARIES_KEYS,
     "student.kind",
@@ -36,16 +45,19 @@ TAUGHT_KEYS = (
     "student.mismatch_distance",
     "discriminator.enabled",
     "eta",
+    "student.pretrained",
 )
 
 
 def conditioned_student(config: Config) -> Iterator[str]:
-    """A student that follows commands is made, evaluated and reported, but not exported or watched; none ships."""
+    """A student that follows commands goes with what knows of commands."""
     if not is_conditioned(config):
         return
     where = f"with student.kind={config.student.kind}"
     if config.stage not in FOLLOWED:
         yield refusal("stage", config.stage, f"{', '.join(FOLLOWED)} {where}: it has no one speed")
+    if config.student.pretrained and config.library.others is not None:
+        yield refusal("library.others", config.library.others, "null with student.pretrained=true: its library ships")
     for key, needed in OF_ONE_SPEED.items():
         if value_of(config, key) != needed:
             yield refusal(key, value_of(config, key), f"{show(needed)} {where}")
@@ -55,7 +67,7 @@ def conditioned_student(config: Config) -> Iterator[str]:
 
 def taught_by_library(config: Config) -> Iterator[str]:
     """The library that a student is to be taught by has cells enough, before any of them is made."""
-    if not is_conditioned(config) or not needs_library(config):
+    if not is_conditioned(config) or not needs_library(config) or config.student.pretrained:
         return
     try:
         usual = usual_cells(config)
@@ -83,18 +95,41 @@ def taught_by_library(config: Config) -> Iterator[str]:
             yield refusal("student.mismatch_distance", student.mismatch_distance, permitted)
 
 
+def speed_begun_with(config: Config) -> Iterator[str]:
+    """What begins with `speed` has a gait for it."""
+    if not is_conditioned(config) or config.stage not in BEGINS:
+        return
+    from romgrl.humanoid.command_limits import CommandLimits
+
+    student = conditioned_keys(config.student)
+    try:
+        cells = [(gait, speed) for gait, speed in usual_cells(config) if is_taught(speed, student.taught_step)]
+        if cells:
+            CommandLimits.of(cells, student.standing_share).begun(config.speed, config.teacher.gait)
+    except ConfigurationError as error:
+        yield str(error)
+    except (RomgrlError, OSError):  # `other_libraries` says so, and what ships where it is asked for
+        return
+
+
 def usual_cells(config: Config) -> list[tuple[str, float]]:
     """Gaits and speeds, m/s, that a library has on legs of the usual stiffness, whether fit or not where they are not
     made yet. Raises ArtifactError for other libraries that are none."""
     from romgrl.provenance.library_grid import library_cells
+    from romgrl.provenance.shipped import follows_shipped, shipped_directory
     from romgrl.report.finished_library import asked_cell, cells_of, read_library
 
-    teachers = [at.teacher for at in library_cells(config)]
+    ships = follows_shipped(config)
+    teachers = [] if ships else [at.teacher for at in library_cells(config)]
     cells = [asked_cell(at.gait, at.speed, at.apex, at.stiffness_share) for at in teachers]
-    for place in config.library.others or ():
+    for place in [shipped_directory("library", conditioned=True)] if ships else config.library.others or ():
         library = read_library(Path(place), steps=config.reference.steps, dt=1.0 / config.humanoid.control_frequency)
         cells += cells_of(library.table[library.table.fit])
     return [(cell.gait, cell.speed) for cell in cells if cell.share == USUAL_STIFFNESS and not cell.apex]
 
 
-CONDITIONED_CHECKS = ((CONDITIONED_KEYS, conditioned_student), (TAUGHT_KEYS, taught_by_library))
+CONDITIONED_CHECKS = (
+    (CONDITIONED_KEYS, conditioned_student),
+    (TAUGHT_KEYS, taught_by_library),
+    ((*TAUGHT_KEYS, *BEGUN_KEYS), speed_begun_with),
+)

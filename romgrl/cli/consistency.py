@@ -216,21 +216,20 @@ def humanoid_file(config: Config) -> Iterator[str]:
 
 def pretrained(config: Config) -> Iterator[str]:
     """What ships with the package is run with the settings of its training; where it is damaged, the job says so."""
-    from romgrl.provenance.shipped import GROUPS, is_pretrained, other_settings
+    from romgrl.provenance.shipped import follows_shipped, other_settings, shipped_stages
 
-    if config.student.pretrained and not config.teacher.pretrained:
+    if config.student.pretrained and not config.teacher.pretrained and not follows_shipped(config):
         yield refusal("teacher.pretrained", False, "true where student.pretrained is true")
     told = set()
-    for stage in GROUPS:
-        if is_pretrained(stage, config):
-            try:
-                differing = [*other_settings(stage, config)]
-            except ArtifactError:
-                return
-            for key, value, trained in differing:
-                if key not in told:
-                    yield refusal(key, value, f"{show(trained)}, as the pretrained {stage} was trained")
-                told.add(key)
+    for stage in shipped_stages(config):
+        try:
+            differing = [*other_settings(stage, config)]
+        except ArtifactError:
+            return
+        for key, value, trained in differing:
+            if key not in told:
+                yield refusal(key, value, f"{show(trained)}, as the pretrained {stage} was trained")
+            told.add(key)
 
 
 def objective_faults(config: Config, bad: Collection[str] = ()) -> Iterator[str]:

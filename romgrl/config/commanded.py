@@ -86,11 +86,14 @@ def conditioned_keys(student: Student) -> ConditionedStudent:
     return student
 
 
+READ_LIBRARY = ("student", "baseline", *GRID_STAGES, "export", "watch")
+"""The values of `stage` that read a library where the student is conditioned."""
+
+
 def needs_library(config: Config) -> bool:
-    """Tell whether the stage that is asked for is a library, or reads one."""
-    return config.stage == "library" or (
-        is_conditioned(config) and config.stage in ("student", "baseline", *GRID_STAGES)
-    )
+    """Tell whether the stage that is asked for is a library, or reads one that is not taken from the package."""
+    reads = is_conditioned(config) and config.stage in READ_LIBRARY and not config.student.pretrained
+    return config.stage == "library" or reads
 
 
 def is_taught(speed: float, step: float | None) -> bool:

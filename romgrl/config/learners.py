@@ -105,7 +105,10 @@ class Student:
     )
     reference_resets: float = key("share of a student's episodes that start in a pose of the reference", low=0, high=1)
     policy_average: float = key("policies are running averages with this decay; 0: as they are", low=0, high=0.99999)
-    pretrained: bool = key("true: nothing is trained; student and baseline that ship with the package are taken")
+    pretrained: bool = key(
+        "true: nothing is trained; student and baseline that ship with the package are taken, and with "
+        "kind=conditioned the library of the student, too"
+    )
 
 
 @dataclass

@@ -126,7 +126,13 @@ class Config:
         "earlier jobs could not; verify: compare what is finished with the paper",
         choices=("all", *STAGES, *OPTIONAL_STAGES, "watch", "sync", "verify"),
     )
-    speed: float = key("target speed of student and baseline", unit="m/s", low=0, high=TOP_SPEED)
+    speed: float = key(
+        "target speed of student and baseline; with student.kind=conditioned what stage=watch and stage=export begin "
+        "with, and nothing else",
+        unit="m/s",
+        low=0,
+        high=TOP_SPEED,
+    )
     eta: float = key("weight of the task reward; 1 - eta weighs imitation", low=0, high=1)
     noise: float = key(
         "standard deviation of the Gaussian noise on both streams of the discriminator: in m and rad, or in deviations "

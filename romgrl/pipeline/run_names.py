@@ -22,10 +22,10 @@ Overrides = Sequence[str]
 def stage_title(stage: str, config: Config, overrides: Overrides) -> str:
     """`student v=4 eta=0.5 noise=0.05 s=0`, and what else was chosen that the stage depends on.
 
-    What follows commands has no speed in its title.
+    What follows commands has no speed in its title, unless it begins with one.
     """
     follows, knobs = is_conditioned(config), dict(STAGES[stage].knobs)
-    if follows and STAGES[stage].conditioned is not None:
+    if follows and STAGES[stage].conditioned is not None and "speed" not in STAGES[stage].asks:
         del knobs["speed"]
     roots = {
         key

@@ -1,4 +1,7 @@
-"""python -m romgrl.pretrained: ship the walkers of the newest evaluation that fits `student=pretrained`."""
+"""python -m romgrl.pretrained: ship the walkers of the newest evaluation that fits `student=pretrained`.
+
+With student=pretrained_conditioned among the settings: the newest student that follows commands.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +10,8 @@ import shutil
 import sys
 import tempfile
 from argparse import ArgumentParser
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -33,6 +37,8 @@ from romgrl.runtime.surroundings import adapt_environment
 CARD = "MODEL_CARD.md"
 TRAINED = ("student=pretrained", "student.pretrained=false", "teacher.pretrained=false")
 """The training of what the preset takes from the package."""
+CONDITIONED_PRESET = "student=pretrained_conditioned"
+TRAINED_CONDITIONED = ("student.pretrained=false", "stage=student")
 
 
 def find_evaluation(outputs: Path, config: Config) -> tuple[FinishedEvaluation, dict[str, Manifest]]:
@@ -72,18 +78,39 @@ def ship(outputs: Path, config: Config) -> list[Path]:
     for stage, source in sources.items():
         open_artifact(source, stage=stage, key=source.name)
     text = write_card(evaluation, manifests)
+    with new_place() as fresh:
+        written = [
+            path for stage in manifests for path in write_artifact(fresh / stage, manifests[stage], sources[stage])
+        ]
+        write_bytes(fresh / CARD, text.encode())
+        swap(fresh, [*manifests, CARD])
+    return [shipped.PLACE / path.relative_to(fresh) for path in [*written, fresh / CARD]]
+
+
+@contextmanager
+def new_place() -> Iterator[Path]:
+    """A directory beside what ships, until what is written there takes its place or fails."""
     with storage_faults(shipped.PLACE):
         shipped.PLACE.mkdir(parents=True, exist_ok=True)
         fresh = Path(tempfile.mkdtemp(prefix=".new-", dir=shipped.PLACE))
         try:
-            written = [
-                path for stage in manifests for path in write_artifact(fresh / stage, manifests[stage], sources[stage])
-            ]
-            write_bytes(fresh / CARD, text.encode())
-            swap(fresh, [*manifests, CARD])
+            yield fresh
         finally:
             shutil.rmtree(fresh, ignore_errors=True)
-    return [shipped.PLACE / path.relative_to(fresh) for path in [*written, fresh / CARD]]
+
+
+def ship_conditioned(outputs: Path, config: Config) -> list[Path]:
+    """Write the artifacts of a student that follows commands and their card into a directory of their own."""
+    from romgrl.pretrained.conditioned import find_conditioned, write_conditioned
+
+    found = find_conditioned(outputs, config)
+    with new_place() as fresh:
+        target = fresh / shipped.CONDITIONED_PLACE
+        target.mkdir()
+        write_conditioned(target, found, config, write_artifact)
+        written = sorted(path for path in target.rglob("*") if path.is_file())
+        swap(fresh, [shipped.CONDITIONED_PLACE])
+    return [shipped.PLACE / path.relative_to(fresh) for path in written]
 
 
 def write_artifact(target: Path, manifest: Manifest, source: Path) -> list[Path]:
@@ -126,8 +153,9 @@ def main(arguments: Sequence[str]) -> int:
     if "=" in chosen.outputs:
         parser.error(f"{chosen.outputs}: the directory of results comes first")
     try:
-        config = compose_config(*checked([*TRAINED, *chosen.settings]))
-        written = ship(Path(chosen.outputs).expanduser().resolve(), config)
+        follows = CONDITIONED_PRESET in chosen.settings
+        config = compose_config(*checked([*(TRAINED_CONDITIONED if follows else TRAINED), *chosen.settings]))
+        written = (ship_conditioned if follows else ship)(Path(chosen.outputs).expanduser().resolve(), config)
     except (ConfigurationError, *COMPOSITION_ERRORS) as error:
         return refuse(error)
     except (RomgrlError, OSError) as error:

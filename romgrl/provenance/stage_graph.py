@@ -26,7 +26,8 @@ class Stage:
     `drawn`: it makes pictures. `optional`: it is made only where it is asked for by name, or read. `fetched`: it may
     come from a tracking server, which no code is taken from. `conditioned`: the stages that it reads in place of
     `upstream` where the student is conditioned; None: it knows of no such student. `commanded`, `asked_of`: what makes
-    it and what it depends on there, in place of `function` and `depends`, where these differ.
+    it and what it depends on there, in place of `function` and `depends`, where these differ; `asks`: what it depends
+    on beside that.
     """
 
     doc: str
@@ -45,6 +46,7 @@ class Stage:
     conditioned: tuple[str, ...] | None = None
     commanded: str | None = None
     asked_of: tuple[str, ...] | None = None
+    asks: tuple[str, ...] = ()
 
     def made_by(self, *, conditioned: bool) -> str:
         """The module:function that makes it, with a student that is conditioned or not."""
@@ -167,6 +169,8 @@ STAGES: dict[str, Stage] = {
         knobs=WALKING_KNOBS,
         optional=True,
         fetched=False,
+        conditioned=("student", "library"),
+        asks=("speed", "teacher.gait", "student.taught_step", "student.standing_share", "reference.steps"),
     ),
 }
 ACTIONS = {

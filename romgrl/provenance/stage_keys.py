@@ -18,7 +18,7 @@ from romgrl.config.values import value_of
 from romgrl.config.worlds import Humanoid
 from romgrl.errors import ArtifactError
 from romgrl.provenance.cycles import cycle_identity
-from romgrl.provenance.shipped import GROUPS, is_pretrained, shipped, shipped_digest
+from romgrl.provenance.shipped import GROUPS, follows_shipped, is_pretrained, shipped, shipped_digest
 from romgrl.provenance.source_digest import source_digest
 from romgrl.provenance.stage_graph import STAGES
 from romgrl.provenance.versions import computing_versions
@@ -48,7 +48,7 @@ def stage_settings(stage: str, config: Config) -> dict[str, Any]:
     Cycles count as the teacher that they are of. Raises ArtifactError where that is none.
     """
     if is_pretrained(stage, config):
-        return pretrained_settings(stage)
+        return pretrained_settings(stage, conditioned=follows_shipped(config))
     config = stage_config(stage, config)
     settings: dict[str, Any] = {}
     for key in STAGES[stage].depends_on(conditioned=is_conditioned(config)):
@@ -57,6 +57,7 @@ def stage_settings(stage: str, config: Config) -> dict[str, Any]:
         settings |= {f"{key}.{name}": item for name, item in asdict(value).items()} if nested else {key: value}
     if is_conditioned(config) and STAGES[stage].conditioned is not None:  # asked for more than speed
         settings = {name: value for name, value in settings.items() if name not in ("speed", "teacher.speed")}
+        settings |= {name: value_of(config, name) for name in STAGES[stage].asks}
     elif settings.get("student.kind") == "one_speed":  # as the keys of all that was trained before there was another
         del settings["student.kind"]
     if stage in ("teacher", "library"):  # of a range, both are the same whichever of it is asked for later
@@ -131,10 +132,11 @@ def require_same_libraries(config: Config, settings: Mapping[str, Any]) -> None:
         raise ArtifactError("library.others: a library changed while the job ran; the same command starts anew")
 
 
-def pretrained_settings(stage: str) -> dict[str, Any]:
+def pretrained_settings(stage: str, *, conditioned: bool) -> dict[str, Any]:
     """The settings of the training that made what ships, and the digest of it. Raises ArtifactError."""
-    manifest = shipped(stage)
-    settings = manifest.config | {f"{GROUPS[stage]}.pretrained": f"sha256:{manifest.digest}"}
+    manifest = shipped(stage, conditioned=conditioned)
+    asked_by = "student" if conditioned else GROUPS[stage]
+    settings = manifest.config | {f"{asked_by}.pretrained": f"sha256:{manifest.digest}"}
     return {name: settings[name] for name in sorted(settings)}
 
 

@@ -51,6 +51,8 @@ def test_every_choice_composes_and_is_valid(compose_config: Composer, choice: st
         extra = [f"humanoid.xml={tmp_path}/robot.xml"]
     if choice == "teacher=jumping":
         extra = ["stage=library"]  # no student follows an apex
+    if choice == "student=pretrained_conditioned":
+        extra = ["stage=watch"]
     if choice == "student=conditioned":
         extra = ["stage=evaluation", "teacher=variable_running"]  # of which there is no report
     config = compose_config(choice, *extra)

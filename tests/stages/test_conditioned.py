@@ -234,8 +234,7 @@ def test_the_baseline_is_asked_for_the_same_and_has_no_discriminator(
 @pytest.mark.parametrize(
     "override",
     [
-        *(f"stage={stage}" for stage in ("robustness", "export", "watch", "verify")),
-        "student.pretrained=true",
+        *(f"stage={stage}" for stage in ("robustness", "verify")),
         "student.end_early=true",
         "student.second_try=true",
         "discriminator.imitated=sinusoid",

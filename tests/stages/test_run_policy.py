@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import importlib.util
-import json
 import shutil
-import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from functools import reduce
@@ -23,7 +20,7 @@ from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 from romgrl.stages.wiring.humanoid import humanoid_env
 from romgrl.stages.wiring.walker_policy import read_walker
 from tests.conftest import Composer
-from tests.helpers.exported import SHIPPED
+from tests.helpers.exported import SHIPPED, changed, refused, run_script, script_of
 
 STEPS = 300
 Controller = Callable[[np.ndarray], np.ndarray]
@@ -36,13 +33,7 @@ def config(compose_config: Composer) -> Config:
 
 @pytest.fixture(scope="module")
 def script(exported: Path) -> ModuleType:
-    """The script as it lies in the artifact."""
-    spec = importlib.util.spec_from_file_location("exported_run_policy", exported / "run_policy.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return script_of(exported)
 
 
 def own_states(env: PlanarHumanoidVectorEnv, seed: int) -> np.ndarray:
@@ -112,32 +103,9 @@ def test_it_begins_where_romgrl_does_and_falls_where_romgrl_does(
     assert min(agreed.values()) > 30
 
 
-def run_script(directory: Path, *arguments: str, without: str = "") -> subprocess.CompletedProcess[str]:
-    """Run it in its directory, where romgrl, torch and what they need cannot be imported."""
-    blocked = ["romgrl", "torch", "gymnasium", "onnx", "hydra", "scipy", *filter(None, [without])]
-    run = "runpy.run_path('run_policy.py', run_name='__main__')"
-    code = f"import sys, runpy; sys.modules.update(dict.fromkeys({blocked})); sys.argv[0] = 'run_policy.py'; {run}"
-    command = [sys.executable, "-c", code, *arguments]
-    return subprocess.run(command, cwd=directory, capture_output=True, text=True, check=False, encoding="utf-8")
-
-
-def refused(done: subprocess.CompletedProcess[str]) -> str:
-    """The one line that it ended with."""
-    assert (done.returncode, done.stdout) == (1, "")
-    (line,) = done.stderr.splitlines()
-    return line
-
-
 @pytest.fixture
 def copied(exported: Path, tmp_path: Path) -> Path:
     return Path(shutil.copytree(exported, tmp_path / "copy"))
-
-
-def changed(path: Path, change: Callable[[dict[str, Any]], Any]) -> None:
-    """Change a JSON file."""
-    content = json.loads(path.read_text(encoding="utf-8"))
-    change(content)
-    path.write_text(json.dumps(content), encoding="utf-8")
 
 
 def test_it_needs_no_romgrl(exported: Path) -> None:

@@ -11,6 +11,7 @@ import onnx
 import romgrl
 from romgrl.artifacts import Manifest
 from romgrl.config.schema import Config
+from romgrl.humanoid.command_limits import AskedCommand, CommandLimits
 from romgrl.humanoid.digest import physics_digest
 from romgrl.humanoid.skeleton import skeleton_of
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
@@ -27,11 +28,16 @@ COLUMN_UNITS = {
 }
 """Of what the second part of a column's name says."""
 
+COMMAND = "command."
+"""What the names of its columns begin with."""
+
 Section = dict[str, Any]
 
 
-def policy_description(config: Config, env: PlanarHumanoidVectorEnv, student: Manifest) -> Section:
+def policy_description(config: Config, env: PlanarHumanoidVectorEnv, student: Manifest, asked: Section) -> Section:
     """The content of policy.json for an environment whose observation has all columns.
+
+    asked: `target_speed`, or what `command_section` says of the commands that a policy follows.
 
     Whatever else the file of a `humanoid.xml` describes stays in that file: it may not be ours to pass on. Neither name
     nor bytes of that file decide the key of an export, so they are not in here, either.
@@ -47,8 +53,12 @@ def policy_description(config: Config, env: PlanarHumanoidVectorEnv, student: Ma
             "substeps": env.substeps,
             "timestep": env.model.opt.timestep,
         },
-        "target_speed": {"value": config.speed, "unit": "m/s"},
-        "observation": [{"name": name, "unit": COLUMN_UNITS[name.split(".")[1]]} for name in env.observation_names],
+        **asked,
+        "observation": [
+            {"name": name, "unit": COLUMN_UNITS[name.split(".")[1]]}
+            for name in env.observation_names
+            if not name.startswith(COMMAND)
+        ],
         "actions": actions,
         "body": {
             "names": [*skeleton.bodies],
@@ -65,6 +75,22 @@ def policy_description(config: Config, env: PlanarHumanoidVectorEnv, student: Ma
             "mujoco": mujoco.__version__,
             "onnx": onnx.__version__,
         },
+    }
+
+
+def command_section(env: PlanarHumanoidVectorEnv, limits: CommandLimits, asked: AskedCommand) -> Section:
+    """The second input of the graph: its columns, what may be asked for, and `asked` to begin with."""
+    names = [name for name in env.observation_names if name.startswith(COMMAND)]
+    units = ["m/s", *("1" for _ in names[1:])]
+    return {
+        "command": {
+            "input": "command",
+            "columns": [{"name": name, "unit": unit} for name, unit in zip(names, units, strict=True)],
+            "gaits": {gait: [*ends] for gait, ends in limits.speeds.items()},
+            "standing": {"speed": 0.0, "trained": limits.stands},
+            "style": [*limits.styles],
+            "begin": asked._asdict(),
+        }
     }
 
 

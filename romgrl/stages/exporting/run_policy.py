@@ -1,8 +1,8 @@
 """Run a walker that romgrl exported: python run_policy.py --seconds 10
 
-Reads policy.onnx, policy.json and model.xml beside this file, and needs numpy, onnxruntime and mujoco, nothing else. At
-every control step it observes the body, asks the policy for the controls of all actuators, and holds them for the
-physics steps up to the next one. World: x forward, y left, z up; SI units, angles in radians.
+Reads policy.onnx, policy.json and model.xml beside this file, where follow_commands.py is if the policy is asked for a
+speed and a gait (--speed 2), and needs numpy, onnxruntime and mujoco. At every control step it observes the body, asks
+for the controls of all actuators, and holds them. World: x forward, y left, z up; SI units, angles in radians.
 """
 
 from __future__ import annotations
@@ -13,8 +13,9 @@ import sys
 import time
 import warnings
 from collections.abc import Callable, Iterator
+from importlib import import_module
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 INSTALL = "pip install numpy mujoco onnxruntime"
 try:
@@ -30,20 +31,18 @@ Vector = NDArray[np.float64]
 Description = dict[str, Any]  # what policy.json says
 
 FORMAT_READ = 1
-EXIT_CODES = """exit code: 0 after a walk, whether it fell or not; 1 where a file or a package is missing or broken;
-2 for a bad option; 130 after Ctrl-C"""
+EXIT_CODES = "exit code: 0 after a walk, fallen or not; 1: file or package missing, broken; 2: bad option; 130: Ctrl-C"
 
 
 class BadFileError(Exception):
     """A file of an export that is missing, broken, or of another export."""
 
     def __init__(self, path: Path, wrong: object) -> None:
-        told = " ".join(str(wrong).split())
-        super().__init__(f"{path}: {told}; needed: the files of one export, side by side")
+        super().__init__(f"{path}: {' '.join(str(wrong).split())}; needed: the files of one export, side by side")
 
 
 class OnnxPolicy:
-    """policy.onnx: observation (O,) -> controls (A,) of the actuators, in the unit of each."""
+    """policy.onnx: observation (O,), and `command` (C,), C may be 0, -> controls (A,) in the unit of each actuator."""
 
     def __init__(self, path: Path) -> None:
         import onnxruntime
@@ -52,9 +51,12 @@ class OnnxPolicy:
         options.intra_op_num_threads = 1  # of so small a network more are slower
         options.log_severity_level = 4  # what is wrong is raised, too
         self.session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
+        self.columns = {each.name: each.shape[-1] for each in self.session.get_inputs()}
+        self.command = np.zeros(self.columns.get("command", 0), np.float32)
 
     def __call__(self, observation: NDArray[np.float32]) -> Vector:
-        (control,) = self.session.run(["control"], {"observation": observation[None]})
+        values = {"observation": observation[None], "command": self.command[None]}
+        (control,) = self.session.run(["control"], {name: values[name] for name in self.columns})
         return np.asarray(control[0], np.float64)
 
 
@@ -108,8 +110,8 @@ class Walker:
         limits, place = self.description["fall"], self.data.xpos
         forward, _, up = place[self.neck] - place[self.root]
         low = place[self.root, 2] < limits["root_height"] or place[self.head, 2] < limits["head_height"]
-        warned = any(warning.number for warning in self.data.warning)
-        return bool(low or abs(np.arctan2(forward, up)) > limits["trunk_lean"] or warned)
+        low = low or any(warning.number for warning in self.data.warning)
+        return bool(low or abs(np.arctan2(forward, up)) > limits["trunk_lean"])
 
 
 def walk(walker: Walker, policy: Callable[[NDArray[np.float32]], Vector], steps: int) -> Iterator[float]:
@@ -129,10 +131,7 @@ def report(positions: list[float], rate: float, speed: float, *, end: str) -> st
 
 
 def in_viewer(walker: Walker, positions: Iterator[float]) -> Iterator[float]:
-    """The same positions, at the pace of the clock beside MuJoCo's viewer; its window ends them.
-
-    Raises RuntimeError where no window can be opened.
-    """
+    """The same positions, at the pace of the clock, in MuJoCo's viewer, which ends them; RuntimeError: none opens."""
     import glfw
     import mujoco.viewer
 
@@ -172,9 +171,11 @@ KINDS_OF_VALUES: dict[str, Callable[[Any], bool]] = {
     "names": lambda value: is_list(value, lambda name: isinstance(name, str)),
     "numbers": lambda value: is_list(value, is_finite_number),
     "sections": lambda value: is_list(value, lambda entry: isinstance(entry, dict)),
+    "two numbers": lambda value: is_list(value, is_finite_number) and len(value) == 2,
+    "ranges": lambda value: isinstance(value, dict) and is_list([*value.values()], KINDS_OF_VALUES["two numbers"]),
 }
 VALUES_READ = {
-    "a number": "target_speed.value fall.root_height fall.head_height fall.trunk_lean",
+    "a number": "fall.root_height fall.head_height fall.trunk_lean",
     "a number above 0": "control.rate",
     "a whole number above 0": "control.substeps",
     "0, 1 or 2": "body.forward_axis",
@@ -183,7 +184,10 @@ VALUES_READ = {
     "numbers": "start.qpos start.qvel",
     "sections": "observation actions",
 }
-"""What is read of policy.json, by its kind: the paths to it."""
+ONE_SPEED_READ = {"a number": "target_speed.value"}
+COMMAND_READ = {"a number": "command.begin.speed command.begin.style", "a name": "command.begin.gait"}
+COMMAND_READ |= {"two numbers": "command.style", "ranges": "command.gaits", "sections": "command.columns"}
+"""What is read of policy.json, by its kind: the paths to it; of a policy that follows commands, and of any other."""
 
 
 def read_description(path: Path) -> Description:
@@ -194,7 +198,8 @@ def read_description(path: Path) -> Description:
         raise BadFileError(path, error) from error
     if not isinstance(content, dict) or content.get("format") != FORMAT_READ:
         raise BadFileError(path, f"not the description of an export of format {FORMAT_READ}")
-    for name, kind in ((name, kind) for kind, names in VALUES_READ.items() for name in names.split()):
+    read = [*VALUES_READ.items(), *(COMMAND_READ if "command" in content else ONE_SPEED_READ).items()]
+    for name, kind in ((name, kind) for kind, names in read for name in names.split()):
         value: Any = content
         for part in name.split("."):
             value = value.get(part) if isinstance(value, dict) else None
@@ -209,14 +214,10 @@ def read_walker_of(path: Path, description: Description) -> Walker:
         model = mujoco.MjModel.from_xml_path(str(path))
     except (ValueError, mujoco.FatalError) as error:
         raise BadFileError(path, error) from error
-    sizes = {
-        "qpos": (model.nq, len(description["start"]["qpos"])),
-        "qvel": (model.nv, len(description["start"]["qvel"])),
-        "actuators": (model.nu, len(description["actions"])),
-    }
-    for name, (found, described) in sizes.items():
-        if found != described:
-            raise BadFileError(path, f"{found} {name}, not {described} as policy.json says")
+    told = {**description["start"], "actuators": description["actions"]}
+    for name, found in {"qpos": model.nq, "qvel": model.nv, "actuators": model.nu}.items():
+        if found != len(told[name]):
+            raise BadFileError(path, f"{found} {name}, not {len(told[name])} as policy.json says")
     control = description["control"]
     if abs(control["rate"] * control["substeps"] * model.opt.timestep - 1.0) > 1e-6:
         raise BadFileError(path, f"a timestep of {model.opt.timestep:g} s, not that of policy.json's control")
@@ -231,10 +232,12 @@ def read_policy_of(path: Path, walker: Walker) -> OnnxPolicy:
     seen = walker.observe()
     try:
         policy = OnnxPolicy(path)
-        (wanted,) = policy.session.get_inputs()
-        if wanted.shape[-1] != len(seen) or len(walker.description["observation"]) != len(seen):
-            told = len(walker.description["observation"])
-            raise ValueError(f"takes {wanted.shape[-1]} columns; policy.json has {told}, the body {len(seen)}")
+        wanted, told = policy.columns["observation"], len(walker.description["observation"])
+        if wanted != len(seen) or told != len(seen):
+            raise ValueError(f"takes {wanted} columns; policy.json has {told}, the body {len(seen)}")
+        commands = len(walker.description.get("command", {"columns": []})["columns"])
+        if len(policy.command) != commands:
+            raise ValueError(f"takes {len(policy.command)} columns of a command; policy.json has {commands}")
         control = policy(seen)
         if control.shape != (walker.model.nu,):
             raise ValueError(f"gives {control.size} controls; model.xml has {walker.model.nu} actuators")
@@ -250,42 +253,46 @@ def load(directory: Path) -> tuple[Walker, OnnxPolicy]:
     for name in ("policy.json", "policy.onnx", "model.xml"):
         if not (directory / name).is_file():
             raise BadFileError(directory / name, "no such file")
-    walker = read_walker_of(directory / "model.xml", read_description(directory / "policy.json"))
+    description = read_description(directory / "policy.json")
+    follows = (directory / "follow_commands.py").is_file()
+    if follows != ("command" in description):
+        raise BadFileError(directory / "follow_commands.py", "of another export" if follows else "no such file")
+    walker = read_walker_of(directory / "model.xml", description)
     return walker, read_policy_of(directory / "policy.onnx", walker)
-
-
-def end_in_a_line(reason: Exception) -> NoReturn:
-    """End with exit code 1 and a line."""
-    told = " ".join(str(reason).split())
-    sys.exit(f"{told}; needed: {INSTALL}" if isinstance(reason, ImportError) else told)
 
 
 def main() -> None:
     """Walk, and print how that went."""
+    here, sys.dont_write_bytecode = Path(__file__).resolve().parent, True  # an artifact has no other files
+    follows = import_module("follow_commands") if (here / "follow_commands.py").is_file() else None
     parser = argparse.ArgumentParser(description="Run the policy beside this file in MuJoCo.", epilog=EXIT_CODES)
     parser.add_argument("--seconds", type=float, default=10.0, help="length of the walk (default: 10)")
     parser.add_argument("--viewer", action="store_true", help="show it in MuJoCo's viewer (on macOS: run by mjpython)")
+    if follows is not None:
+        follows.add_options(parser)
     options = parser.parse_args()
     if not 0.1 <= options.seconds <= 1e6:
         parser.error(f"--seconds: {options.seconds} is not allowed; allowed: 0.1 to 1e6")
     mujoco.set_mju_user_warning(lambda text: None)  # or it writes MUJOCO_LOG.TXT; has_fallen sees what it warns of
-    walked: list[float] = []
-    end = "interrupted"
+    walked, end = list[float](), "interrupted"
     try:
-        walker, policy = load(Path(__file__).resolve().parent)
+        walker, policy = load(here)
         rate = walker.description["control"]["rate"]
-        positions = walk(walker, policy, max(1, round(options.seconds * rate)))
+        acting, asked = policy, [walker.description.get("target_speed", {}).get("value")]
+        if follows is not None:
+            acting, asked = follows.follow_options(policy, walker.description, parser)
+        positions = walk(walker, acting, max(1, round(options.seconds * rate)))
         for position in in_viewer(walker, positions) if options.viewer else positions:
             walked.append(position)
         end = "then it fell" if walker.has_fallen() else "no fall"
     except (BadFileError, ImportError, RuntimeError) as error:
-        end_in_a_line(error)
+        told = " ".join(str(error).split())
+        sys.exit(f"{told}; needed: {INSTALL}" if isinstance(error, ImportError) else told)
     except KeyboardInterrupt:
         pass
     if walked:
-        print(report(walked, rate, walker.description["target_speed"]["value"], end=end))
-    if end == "interrupted":
-        sys.exit(130)
+        print(report(walked, rate, float(np.mean(asked[len(asked) // 2 :])), end=end))
+    sys.exit(130 if end == "interrupted" else 0)
 
 
 if __name__ == "__main__":
