@@ -42,7 +42,7 @@ def goals(table: pd.DataFrame) -> pd.Series:
     return table.speed_m_per_s.where(apex == 0, apex)
 
 
-def drawn_feet(table: pd.DataFrame) -> list[dict[str, float]]:
+def feet_of_cells(table: pd.DataFrame) -> list[dict[str, float]]:
     """What the player draws of the feet of each cell of library.csv, m."""
     return [dict(zip(FEET.values(), feet, strict=True)) for feet in table[[*FEET]].to_numpy(float).tolist()]
 

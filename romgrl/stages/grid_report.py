@@ -16,7 +16,7 @@ from romgrl.humanoid.skeleton import skeleton_of
 from romgrl.report import film, ramp_film
 from romgrl.report.grid_figure import grid_figure, matrices_figure
 from romgrl.report.grid_markdown import grid_document, grid_summary_text
-from romgrl.report.library_cells import drawn_feet
+from romgrl.report.library_cells import feet_of_cells
 from romgrl.report.page.commands_page import GridReport, write_commands_page
 from romgrl.report.page.played_cells import CellReference
 from romgrl.report.ramp_strides import ramp_strides
@@ -26,7 +26,7 @@ from romgrl.stages.conditioned.cells import read_command_cells
 from romgrl.stages.conditioned.grid_artifact import read_grid_tables, read_recordings
 
 SHOWN_STAGES = ("teacher", "library", "student", "baseline", "evaluation")
-NEIGHBORS = {
+REPORT_FILES = {
     "report.md": "in words and tables",
     "grid.png": "the charts as a picture",
     "matrices.png": "the heat maps",
@@ -50,7 +50,7 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
         tables, report.strides, seed=config.seed, pictures=list(pictures), films=films, wall_times=times
     )
     (output / "report.md").write_text(text, encoding="utf-8")
-    files = {name: what for name, what in NEIGHBORS.items() if (output / name).is_file()}
+    files = {name: what for name, what in REPORT_FILES.items() if (output / name).is_file()}
     write_commands_page(output / "report.html", report, film=films[0] if films else None, files=files)
     log.message(grid_summary_text(tables, report.strides))
 
@@ -84,7 +84,7 @@ def cell_references(config: Config, library: Path) -> dict[tuple[str, float], Ce
     return {
         (cells.gaits[gait], round(float(speed), 6)): CellReference({name: arrays[name] for name in names}, feet)
         for gait, speed, arrays, feet in zip(
-            cells.gait, cells.speed, cells.references, drawn_feet(cells.table), strict=True
+            cells.gait, cells.speed, cells.references, feet_of_cells(cells.table), strict=True
         )
     }
 

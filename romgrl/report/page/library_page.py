@@ -17,7 +17,7 @@ from romgrl.report.library_cells import (
     MEASURED_CELLS,
     CellLine,
     cell_lines,
-    drawn_feet,
+    feet_of_cells,
     goal_text,
     goals,
     said_of,
@@ -71,7 +71,7 @@ def write_library_page(path: Path, table: pd.DataFrame, arrays: Mapping[str, NDA
             "cells": [
                 {"asked": goal, "goal": words, "fit": bool(fit), "said": why, "numbers": shown, **drawn}
                 for goal, words, fit, why, shown, drawn in zip(
-                    goals(table), named, table.fit, said, texts, drawn_feet(table), strict=True
+                    goals(table), named, table.fit, said, texts, feet_of_cells(table), strict=True
                 )
             ],
             "start": first_cell(lines),
