@@ -38,8 +38,7 @@ def test_the_task_weighs_what_its_cells_say_and_all_of_it_to_stand() -> None:
 
 
 def test_each_cell_steers_its_own_weight(compose_config: Composer, tmp_path: Path) -> None:
-    """Up where it is too slow, down where it strides otherwise, as it is where it falls; none below what it began with
-    a third of the way through, nor below a half late."""
+    """Up where it is too slow, down where it strides otherwise, as it is where it falls; never below the first one."""
     config = commanded(compose_config, "eta=0.3")
     taught: CommandCells = read_command_cells(small_library(tmp_path / "library"), config, span=4)
     assert taught.speed.tolist() == [2.0, 3.0, 4.0, 1.0, 2.0]
@@ -50,8 +49,9 @@ def test_each_cell_steers_its_own_weight(compose_config: Composer, tmp_path: Pat
     rows[1] |= {"steady_speed_m_per_s": 2.7}
     rows[2] |= {"cadence_error_percent": 20.0}
     rows[3] |= {"steady_speed_m_per_s": 0.7, "falls": 4.0}
-    checks.adapt(rows, made, 0.33)
+    checks.adapt(rows, made)
     assert made.etas.tolist() == pytest.approx([0.4, 0.46, 0.4 / 1.1, 0.4, 0.4])
     assert made.eta == pytest.approx(float(made.etas.mean()))
-    checks.adapt(rows, made, 0.7)
-    assert made.etas.tolist() == pytest.approx([0.5, 0.46 * 1.15, 0.5, 0.5, 0.5])
+    for _ in range(5):
+        checks.adapt(rows, made)
+    assert made.etas.tolist() == pytest.approx([0.4, 0.7, 0.3, 0.4, 0.4])

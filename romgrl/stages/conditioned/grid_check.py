@@ -26,7 +26,7 @@ from romgrl.humanoid.command_schedules import CommandTable
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
 from romgrl.runtime.stage_log import StageLog
 from romgrl.stages.conditioned.cells import CommandCells
-from romgrl.stages.training.adapted_eta import ADAPTS_FROM, adapted, least_eta
+from romgrl.stages.training.adapted_eta import ADAPTS_FROM, adapted
 from romgrl.stages.training.budget import Budget
 from romgrl.stages.training.gait_check import FILE, LONGEST_WINDOW, averaged_policy, give_best, percent
 from romgrl.stages.wiring.humanoid import humanoid_env
@@ -92,7 +92,7 @@ class GridChecks:
         rows = [self.measure(cell, episodes_of(gait, cell)) for cell in range(len(self.cells.speed))]
         self.rows += [{"step": float(step)} | row for row in rows]
         if self.config.student.adapt_eta and self.imitates and budget.reached(step, ADAPTS_FROM):
-            self.adapt(rows, learner, budget.share(step))
+            self.adapt(rows, learner)
         self.scores.append(worst_fifth([row["shortfall"] for row in rows]))
         if self.kept == len(self.scores) - 1:
             self.best = weights
@@ -119,15 +119,18 @@ class GridChecks:
         row["shortfall"] = shortfall(row, speed, imitates=self.imitates)
         return {name: float(value) for name, value in row.items()}
 
-    def adapt(self, rows: Sequence[Mapping[str, float]], learner: RomGrl, share: float) -> None:
-        """Change the weight of the task at each taught cell, at a share of the training, as at one speed."""
+    def adapt(self, rows: Sequence[Mapping[str, float]], learner: RomGrl) -> None:
+        """Change the weight of the task at each taught cell, as at one speed, but never to less than it began with.
+
+        With what it does not fall below at one speed late, a half, speeds were right and strides were not.
+        """
         assert isinstance(learner, ConditionedRomGrl)
-        etas, least = learner.etas.tolist(), least_eta(self.config.eta, share)
+        etas = learner.etas.tolist()
         for place, cell in enumerate(self.cells.taught_cells):
             row = rows[cell]
             off = percent(row["steady_speed_m_per_s"], float(self.cells.speed[cell])) - 100
             judged = {"speed_error_percent": off, "cadence_error_percent": row["cadence_error_percent"]}
-            etas[place] = max(least, adapted(etas[place], judged, fell=row["falls"] > EPISODES / 4))
+            etas[place] = max(self.config.eta, adapted(etas[place], judged, fell=row["falls"] > EPISODES / 4))
         learner.etas.copy_(learner.etas.new_tensor(etas))
         learner.eta = float(learner.etas.mean())
         self.log.message(f"weight of the speed from {min(etas):.2f} to {max(etas):.2f}")
