@@ -65,7 +65,7 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
     bins: list[TableRow] = []
     recorded: dict[str, Arrays] = {}
     for name in WALKERS:
-        walker = Walker(config, read_walker(inputs[name], small), cells.gaits, tick)
+        walker = Walker(config, read_walker(inputs[name], small), cells.gaits, small.model, tick)
         own, recorded[name] = walk_cells(grid, name, walker, small.dimensions.mass, episodes, kept)
         rows += own
         steps += walk_transitions(cells, asked, name, walker, episodes, kept)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -73,11 +74,12 @@ class Walked(NamedTuple):
 
 @dataclass(frozen=True)
 class Walker:
-    """A policy in the environment of a configuration, asked for gaits; `tick` hears of every step."""
+    """A policy in the environment of a configuration, asked for gaits; `body`: its model; `tick` hears of steps."""
 
     config: Config
     policy: Policy
     gaits: Sequence[str]
+    body: mujoco.MjModel
     tick: Callable[[int], None]
 
     def block(self, block: Sequence[Asked], episodes: int, steps: int, part: int, number: int = 0) -> list[Walked]:
@@ -89,6 +91,7 @@ class Walker:
             self.config,
             num_envs=len(block) * episodes,
             episode_steps=steps + 1,
+            body=self.body,
             commands=command_table(self.gaits, block, episodes),
         )
         before = [0]

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from romgrl.config.commanded import EPISODE_SECONDS
-from romgrl.gait.alignment import error_over_variance, last_windows, mean_error, variances
+from romgrl.gait.alignment import error_over_variance, last_windows
 from romgrl.gait.command_following import speed_tolerance
 from romgrl.gait.features import Floats, Gait
 from romgrl.gait.footfall import FOOTFALLS
@@ -95,10 +95,7 @@ class GridCells:
                 continue
             made = np.stack(models[name].episodes)
             still = Gait(made, np.ones(made.shape[:2], bool), np.zeros(len(made), bool), teacher.dt)
-            error = mean_error(models[name].episodes, episodes, self.window, "one_episode") / variances(episodes)
-            scored = {"error_over_variance": error.mean(), "largest_error_over_variance": error.max()}
-            null = self.row(name, cell, still, teacher) | {key: float(value) for key, value in scored.items()}
-            found.append(null | {"speed_held": False, "outside_human_bands": ""})
+            found.append(self.row(name, cell, still, teacher) | {"outside_human_bands": ""})
         return found
 
     def classes(self, cell: int, gait: Gait) -> TableRow:
