@@ -23,15 +23,15 @@ RAMP_FILM = "ramp.mp4"
 WIDTH, BODY_HEIGHT, STRIPS_HEIGHT = 960, 432, 324  # pixels
 DOTS = 100  # per inch of the strips
 TEXT = 20  # pixels
-POSES = 10
+POSTER_POSES = 10
 POSE_SHARE = 0.62
 ASKED: dict[str, Any] = {"color": "#404040", "linewidth": 1.2, "linestyle": (0, (4, 2))}
 Picture = NDArray[np.uint8]
-States = NDArray[np.float64]
-BodySegments = Callable[[States], tuple[Floats, NDArray[np.bool_]]]
+BodyStates = NDArray[np.float64]
+BodySegments = Callable[[BodyStates], tuple[Floats, NDArray[np.bool_]]]
 
 
-def ramp_frames(frame: Callable[[States], Picture], states: States, strides: RampStrides) -> Iterator[Picture]:
+def ramp_frames(frame: Callable[[BodyStates], Picture], states: BodyStates, strides: RampStrides) -> Iterator[Picture]:
     """Yield a picture of each step until it falls; frame: WIDTH x BODY_HEIGHT pixels of a state (nq or more)."""
     strips, place = strips_picture(strides)
     font = ImageFont.load_default(TEXT)
@@ -98,17 +98,17 @@ def middle(picture: Picture) -> Picture:
 
 def pose_steps(strides: RampStrides) -> NDArray[np.int64]:
     """Steps of the poster's poses, evenly spread over the time of the ramp; those after a fall are left out."""
-    steps = ((np.arange(POSES) + 0.5) / POSES * len(strides.time)).astype(np.int64)
+    steps = ((np.arange(POSTER_POSES) + 0.5) / POSTER_POSES * len(strides.time)).astype(np.int64)
     kept = steps[steps < strides.upright]
     return kept if len(kept) else np.array([max(0, strides.upright - 1)])
 
 
 def ramp_poster(
-    strides: RampStrides, pictures: Sequence[Picture] | None, states: States, segments: BodySegments
+    strides: RampStrides, pictures: Sequence[Picture] | None, states: BodyStates, segments: BodySegments
 ) -> Figure:
     """Poses over the strips. pictures: of the states (P, nq or more) of `pose_steps`; None: sticks of `segments`."""
     figure = new_figure(13.0, 5.6)
-    grid = figure.add_gridspec(4, POSES, height_ratios=(2.6, 1.5, 1.0, 0.45))
+    grid = figure.add_gridspec(4, POSTER_POSES, height_ratios=(2.6, 1.5, 1.0, 0.45))
     for place, (step, state) in enumerate(zip(pose_steps(strides), states, strict=True)):
         plot = figure.add_subplot(grid[0, place])
         if pictures is not None:
