@@ -108,7 +108,7 @@ def verdict_table(found: Sequence[Verdict]) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=["of the student", "bar", *WALKER_ORDER, "verdict"])
 
 
-def student_table(student: pd.DataFrame) -> pd.DataFrame:
+def grid_numbers_table(student: pd.DataFrame) -> pd.DataFrame:
     """The student's rows of the grid for reading."""
     shown = {name: label for name, label in GRID_MEASURES.items() if name in student}
     asked = [f"{row.gait} {row.speed_m_per_s:g}" for _, row in student.iterrows()]
@@ -132,7 +132,7 @@ def grid_document(
         f"# One student for every speed\n\n{grid_summary_text(tables, strides)}\n",
         grid_setting(tables, seed) + "\n",
         f"## Verdicts\n\n{markdown(verdict_table(verdicts(tables.summary)))}",
-        f"## Over the speeds\n\n{cost_said(tables)}\n\n{markdown(student_table(tables.student))}",
+        f"## Over the speeds\n\n{cost_said(tables)}\n\n{markdown(grid_numbers_table(tables.student))}",
         f"## From one command to another\n\n{markdown(transition_table(tables.transitions))}",
         "## Pictures\n\n" + "\n\n".join(f"![{name}]({name}.png)" for name in pictures) + "\n",
     ]

@@ -27,11 +27,11 @@ POSTER_POSES = 10
 POSE_SHARE = 0.62
 ASKED: dict[str, Any] = {"color": "#404040", "linewidth": 1.2, "linestyle": (0, (4, 2))}
 Picture = NDArray[np.uint8]
-Poses = NDArray[np.float64]
-BodySegments = Callable[[Poses], tuple[Floats, NDArray[np.bool_]]]
+BodyStates = NDArray[np.float64]
+BodySegments = Callable[[BodyStates], tuple[Floats, NDArray[np.bool_]]]
 
 
-def ramp_frames(frame: Callable[[Poses], Picture], states: Poses, strides: RampStrides) -> Iterator[Picture]:
+def ramp_frames(frame: Callable[[BodyStates], Picture], states: BodyStates, strides: RampStrides) -> Iterator[Picture]:
     """Yield a picture of each step until it falls; frame: WIDTH x BODY_HEIGHT pixels of a state (nq or more)."""
     strips, place = strips_picture(strides)
     font = ImageFont.load_default(TEXT)
@@ -104,7 +104,7 @@ def pose_steps(strides: RampStrides) -> NDArray[np.int64]:
 
 
 def ramp_poster(
-    strides: RampStrides, pictures: Sequence[Picture] | None, states: Poses, segments: BodySegments
+    strides: RampStrides, pictures: Sequence[Picture] | None, states: BodyStates, segments: BodySegments
 ) -> Figure:
     """Poses over the strips. pictures: of the states (P, nq or more) of `pose_steps`; None: sticks of `segments`."""
     figure = new_figure(13.0, 5.6)

@@ -26,7 +26,7 @@ from romgrl.stages.conditioned.cells import read_command_cells
 from romgrl.stages.conditioned.grid_artifact import read_grid_tables, read_recordings
 
 SHOWN_STAGES = ("teacher", "library", "student", "baseline", "evaluation")
-REPORT_FILES = {
+GRID_NEIGHBORS = {
     "report.md": "in words and tables",
     "grid.png": "the charts as a picture",
     "matrices.png": "the heat maps",
@@ -50,7 +50,7 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
         tables, report.strides, seed=config.seed, pictures=list(pictures), films=films, wall_times=times
     )
     (output / "report.md").write_text(text, encoding="utf-8")
-    files = {name: what for name, what in REPORT_FILES.items() if (output / name).is_file()}
+    files = {name: what for name, what in GRID_NEIGHBORS.items() if (output / name).is_file()}
     write_commands_page(output / "report.html", report, film=films[0] if films else None, files=files)
     log.message(grid_summary_text(tables, report.strides))
 

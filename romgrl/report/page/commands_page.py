@@ -39,7 +39,7 @@ from romgrl.report.ramp_strides import RampStrides
 from romgrl.report.style import COLORS, STUDENT, WALKER_LABELS
 
 LEAST_TOP = 1.95  # m
-GAIT_MARKS = {"walk": "■", "run": "●", "hop": "▲", "skip": "◆"}
+GAIT_SIGNS = {"walk": "■", "run": "●", "hop": "▲", "skip": "◆"}
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ def write_commands_page(path: Path, report: GridReport, *, film: str | None, fil
         colors=COLORS,
         labels=WALKER_LABELS,
         short={"student": "student", "baseline": "baseline", "teacher": "reference"},
-        signs=GAIT_MARKS,
+        signs=GAIT_SIGNS,
         walkers=walkers,
         gaits=[line.gait for line in lines],
         measures=list(measures.values()),

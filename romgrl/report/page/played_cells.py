@@ -16,7 +16,7 @@ from romgrl.report.page.scene import gone, humanoid_points, recording, rom_point
 from romgrl.report.page.stretches import Stretch, steady_stretch
 
 PLAYED_SECONDS = 4.0  # of a recording in which no strides close
-LEAST_STEPS = 3
+FEWEST_PLAYED = 3
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ def last_seconds(features: Floats, contact: Any, velocity: Floats, valid: Any, d
     """The end of an episode up to its fall as one stretch that does not close; None where there is next to nothing."""
     stop = len(valid) if valid.all() else int(np.argmin(valid))
     first = max(0, stop - round(PLAYED_SECONDS / dt))
-    if stop - first < LEAST_STEPS:
+    if stop - first < FEWEST_PLAYED:
         return None
     kept = slice(first, stop)
     steps = stop - first
