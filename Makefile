@@ -93,7 +93,7 @@ pretrained: $(PACKAGE) ## ship the newest walkers under outputs that fit student
 	$(BIN)/python -m romgrl.pretrained outputs $(ARGS)
 
 pretrained_conditioned: $(PACKAGE) ## train one student for every speed (hours), and ship it (other settings: ARGS="key=value")
-	$(BIN)/python -m romgrl student=pretrained_conditioned student.pretrained=false stage=student $(ARGS)
+	$(BIN)/python -m romgrl student=pretrained_conditioned student.pretrained=false stage=evaluation $(ARGS)
 	$(BIN)/python -m romgrl.pretrained outputs student=pretrained_conditioned $(ARGS)
 
 clean: ## remove what was built (results under outputs/ stay)

@@ -39,6 +39,7 @@ OTHER_SETTINGS = (
     "humenv",
     "experiment_paper",
     "variable_running",
+    "variable_walking",
     "hopping",
 )  # sweeps of students that are not the default's, by their names in sweeps/
 OTHER_NUMBERS = (
