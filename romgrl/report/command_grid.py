@@ -29,7 +29,7 @@ GRID_MEASURES = {
     FALLS: "falls [%]",
 }
 """Columns of grid.csv that are drawn, and what stands over their charts; a grid may lack some."""
-NULL_WALKERS = ("statue", "sinusoid")
+NULL_ERRORS = ("statue", "sinusoid")
 """Walkers of grid.csv that learned nothing, and have an error alone."""
 GRID_COLUMNS = ("walker", "gait", "speed_m_per_s", "taught", "episodes", "falls", "speed_held", ERROR, HELD)
 WALKER_ORDER = ("student", "baseline", "teacher")

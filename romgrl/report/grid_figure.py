@@ -12,7 +12,7 @@ from romgrl.report.command_grid import (
     ERROR,
     GRID_MEASURES,
     HELD,
-    NULL_WALKERS,
+    NULL_ERRORS,
     SPEED_LABEL,
     WALKER_ORDER,
     GridTables,
@@ -65,7 +65,7 @@ def draw_walkers(axes: Axes, grid: pd.DataFrame, measure: str) -> None:
 
 def draw_null_errors(axes: Axes, grid: pd.DataFrame) -> None:
     """What walkers that learned nothing score."""
-    for style, name in zip(NULL_STYLES, NULL_WALKERS, strict=True):
+    for style, name in zip(NULL_STYLES, NULL_ERRORS, strict=True):
         for place, (_, rows) in enumerate(rows_of(grid, name).groupby("gait")):
             label = name if not place else None
             axes.plot(rows.speed_m_per_s, rows[ERROR], color=GREY, linewidth=1.0, linestyle=style, label=label)

@@ -15,7 +15,7 @@ from romgrl.report.command_grid import (
     ERROR,
     GRID_MEASURES,
     HELD,
-    NULL_WALKERS,
+    NULL_ERRORS,
     SPEED_LABEL,
     GridTables,
     grid_lines,
@@ -98,7 +98,7 @@ def add_walker(
 
 def add_null_errors(figure: Any, grid: pd.DataFrame) -> None:
     """What walkers that learned nothing score at each cell; grey."""
-    for dash, name in zip(NULL_DASHES, NULL_WALKERS, strict=True):
+    for dash, name in zip(NULL_DASHES, NULL_ERRORS, strict=True):
         for gait, rows in rows_of(grid, name).groupby("gait"):
             figure.add_scatter(
                 x=listed(rows.speed_m_per_s),
