@@ -1,4 +1,4 @@
-"""A little of `make test-sanitizers` in every run: its recipe builds the core, and the core passes some tests in it."""
+"""A little of `make test-sanitizers`: its recipe builds the core, and the core passes some tests in it."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ BIN = Path(sys.prefix, "bin")
 SOME = "tests/faults/test_core_calls.py tests/rom/test_batch.py"
 
 
+@pytest.mark.slow
 @pytest.mark.skipif("ROMGRL_SANITIZED" in os.environ, reason="runs in it")
 @pytest.mark.skipif(not (BIN / "cmake").exists(), reason="the development environment has no CMake of its own")
 def test_the_core_passes_with_sanitizers(tmp_path: Path) -> None:

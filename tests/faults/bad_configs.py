@@ -283,7 +283,7 @@ MISFITS = (
     ("discriminator.window", "discriminator.stride=32 discriminator.window=20"),
     ("discriminator.gradient_penalty", "discriminator.loss=wasserstein discriminator.gradient_penalty=0"),
     ("discriminator.held_out", "discriminator.held_out=0.00001"),
-    ("stage", "student=conditioned"),
+    ("stage", "student=conditioned stage=robustness"),
     ("teacher.speeds", "student=conditioned stage=student"),
     ("evaluation.specialists", f"{EVERY_SPEED} evaluation.specialists=[/no/such/place]"),
     ("evaluation.window", f"{EVERY_SPEED} evaluation=thorough evaluation.window=400 reference.episodes=4"),

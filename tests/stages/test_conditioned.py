@@ -199,7 +199,7 @@ def test_a_resumed_training_ends_with_the_same_files(
 ) -> None:
     recorder = Recorder(monkeypatch)
     monkeypatch.setattr(grid_check, "STEPS", 20)
-    config = commanded(compose_config)
+    config = commanded(compose_config, "student.adapt_eta=true")
     for name in ("whole", "cut"):
         (tmp_path / name).mkdir()
     log = SilentLog()
