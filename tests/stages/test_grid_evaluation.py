@@ -256,6 +256,8 @@ def test_numbers_of_the_bars_are_those_of_made_up_tables() -> None:
     )
     assert held_out_ratio(rows) == pytest.approx(0.3 / 0.2)
     assert np.isnan(held_out_ratio(rows[rows.taught]))
+    fallen = rows.assign(error_over_variance=[0.1, np.nan, 0.3, 0.33])  # all episodes of one that is not taught
+    assert held_out_ratio(fallen) == np.inf
     assert least_spearman(rows, "stride_frequency_hz") == pytest.approx(0.5)
     assert cheapest(rows) == {"run": {"least": 0.4, "at_m_per_s": 2.5, "is_u": True}}
     beside = with_specialists(rows, [Specialist("run", 3.0, 0.2, 0, 16), Specialist("walk", 2.0, 0.1, 0, 16)])

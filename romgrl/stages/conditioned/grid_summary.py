@@ -107,7 +107,8 @@ def ramp_falls(rows: pd.DataFrame) -> float:
 
 
 def held_out_ratio(rows: pd.DataFrame) -> float:
-    """The largest error of a cell that is not taught over the mean of the taught ones next to it; nan without any."""
+    """The largest error of a cell that is not taught over the mean of the taught ones next to it; nan without any, inf
+    where one of them has no error, since all fall."""
     ratios = []
     for _, own in rows.groupby("gait"):
         ordered = own.sort_values("speed_m_per_s")
@@ -115,9 +116,9 @@ def held_out_ratio(rows: pd.DataFrame) -> float:
         for _, row in ordered[~ordered.taught.astype(bool)].iterrows():
             near = [taught[taught.speed_m_per_s < row.speed_m_per_s].tail(1)]
             near.append(taught[taught.speed_m_per_s > row.speed_m_per_s].head(1))
-            ratios.append(row.error_over_variance / pd.concat(near).error_over_variance.mean())
-    finite = [float(ratio) for ratio in ratios if math.isfinite(ratio)]
-    return max(finite) if finite else math.nan
+            ratio = float(row.error_over_variance / pd.concat(near).error_over_variance.mean())
+            ratios.append(ratio if math.isfinite(ratio) else math.inf)
+    return max(ratios, default=math.nan)
 
 
 def least_spearman(rows: pd.DataFrame, column: str) -> float:
