@@ -175,7 +175,8 @@ FORCED = {
 }
 
 
-@pytest.mark.parametrize("name", ["saturated", pytest.param("collapsed", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("name", FORCED)
 def test_a_training_is_forced_into_it(
     name: str, compose_config: Composer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -149,6 +149,7 @@ def test_a_request_that_arrives_after_it_was_given_up(
     assert stored(server.database, request.node.name).deleted == 1
 
 
+@pytest.mark.slow
 def test_command_line(proxy: Proxy, server: Server, tmp_path: Path) -> None:
     """A stage without its server, and what it prints; then `stage=sync` while it is away, and when it is back."""
     outputs = f"paths.outputs={tmp_path}/outputs"
