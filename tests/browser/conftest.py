@@ -23,10 +23,10 @@ SCREENSHOTS = Path(os.environ.get("ROMGRL_SCREENSHOTS", Path(__file__).parents[2
 SCROLL = """async () => {
   for (let y = 0; y < document.body.scrollHeight; y += innerHeight / 2) {
     scrollTo(0, y);
-    await new Promise((resolve) => setTimeout(resolve, 80));
+    await new Promise((resolve) => requestAnimationFrame(() => requestAnimationFrame(resolve)));
   }
   scrollTo(0, 0);
-}"""  # so that every chart is drawn
+}"""  # so that every chart is seen in a frame, and drawn
 
 
 @pytest.fixture(scope="session")
