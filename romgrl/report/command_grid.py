@@ -12,6 +12,7 @@ import pandas as pd
 from romgrl.gait import human_bands
 from romgrl.gait.features import Floats
 from romgrl.gait.measures import MEASURES
+from romgrl.report.grid_tables import WALKER_ORDER
 from romgrl.report.numbers import significant
 
 ERROR = "error_over_variance"
@@ -32,7 +33,6 @@ GRID_MEASURES = {
 SHOWN_NULLS = ("statue", "sinusoid")
 """Walkers of grid.csv that learned nothing, and have an error alone."""
 GRID_COLUMNS = ("walker", "gait", "speed_m_per_s", "taught", "episodes", "falls", "speed_held", ERROR, HELD)
-WALKER_ORDER = ("student", "baseline", "teacher")
 SPEED_LABEL = "speed asked for [m/s]"
 
 

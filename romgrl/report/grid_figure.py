@@ -14,13 +14,13 @@ from romgrl.report.command_grid import (
     HELD,
     SHOWN_NULLS,
     SPEED_LABEL,
-    WALKER_ORDER,
     GridTables,
     grid_lines,
     row_minima,
     rows_of,
 )
 from romgrl.report.gait_atlas import draw_bands
+from romgrl.report.grid_tables import WALKER_ORDER
 from romgrl.report.style import COLORS, INK, WALKER_LABELS, dress, new_figure
 
 MARKERS = {"walk": "s", "run": "o", "hop": "^", "skip": "D"}

@@ -8,7 +8,8 @@ import numpy as np
 import pandas as pd
 
 from romgrl.gait.measures import MEASURES
-from romgrl.report.command_grid import ERROR, GRID_MEASURES, WALKER_ORDER, GridTables, Verdict, measured_text, verdicts
+from romgrl.report.command_grid import ERROR, GRID_MEASURES, GridTables, Verdict, measured_text, verdicts
+from romgrl.report.grid_tables import WALKER_ORDER
 from romgrl.report.numbers import significant
 from romgrl.report.ramp_strides import RampStrides
 from romgrl.report.tables import definitions, markdown

@@ -47,7 +47,7 @@ SHOWN_TRANSITIONS = {
 }
 OTHERS = {"baseline": "baseline", "teacher": "floor", "sinusoid": "sinusoid"}
 """Whose error over variance stands beside the student's."""
-BESIDE_BARS = ("student", "baseline", "teacher")
+WALKER_ORDER = ("student", "baseline", "teacher")
 VERDICTS = {True: "reached", False: "missed", None: "not measured"}
 
 
@@ -73,7 +73,7 @@ def evaluation_metrics(evaluation: Path) -> dict[str, float]:
 def grid_names() -> list[str]:
     """The names of the numbers that an evaluation over a grid can have."""
     names = [*(f"grid/{name}" for name in BARS), *(f"grid/ramp_{name}" for name in RAMP_NUMBERS)]
-    return ["grid/bars_reached", *(f"{name}/{walker}" for name in names for walker in BESIDE_BARS[:2])]
+    return ["grid/bars_reached", *(f"{name}/{walker}" for name in names for walker in WALKER_ORDER[:2])]
 
 
 def read_grid(evaluation: Path) -> dict[str, Any]:
@@ -83,7 +83,7 @@ def read_grid(evaluation: Path) -> dict[str, Any]:
 
 def grid_numbers(found: Mapping[str, Any]) -> dict[str, float]:
     """Of grid.json."""
-    numbers = {f"grid/{bar['name']}/{walker}": bar.get(walker) for bar in found["bars"] for walker in BESIDE_BARS[:2]}
+    numbers = {f"grid/{bar['name']}/{walker}": bar.get(walker) for bar in found["bars"] for walker in WALKER_ORDER[:2]}
     numbers |= {
         f"grid/ramp_{name}/{walker}": value for walker, ramp in found["ramp"].items() for name, value in ramp.items()
     }
@@ -131,12 +131,12 @@ def bars_table(found: Mapping[str, Any]) -> Table:
     """One row per bar; below what the ramp came to, and the bars_verdict."""
     table = Table(title="What a student of every speed is asked for", title_justify="left")
     table.add_column("number")
-    for label in (*BESIDE_BARS[:2], "reference"):
+    for label in (*WALKER_ORDER[:2], "reference"):
         table.add_column(escape(label), justify="right")
     table.add_column("bar", justify="right", no_wrap=True)
     table.add_column("", no_wrap=True)
     for bar in found["bars"]:
-        values = [known_text(bar.get(walker)) for walker in BESIDE_BARS]
+        values = [known_text(bar.get(walker)) for walker in WALKER_ORDER]
         table.add_row(bar["meaning"], *values, f"{bar['way']} {bar['bar']:g}", VERDICTS[bar["reached"]])
     table.caption = "\n".join((ramp_text(found), bars_verdict(found)))
     table.caption_justify = "left"

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from romgrl.artifacts import Manifest
 from romgrl.gait.features import Floats
-from romgrl.report.command_grid import GRID_MEASURES, WALKER_ORDER, GridTables, measured_text, said_of_cell, verdicts
+from romgrl.report.command_grid import GRID_MEASURES, GridTables, measured_text, said_of_cell, verdicts
 from romgrl.report.grid_markdown import (
     GRID_MEANINGS,
     cost_said,
@@ -21,6 +21,7 @@ from romgrl.report.grid_markdown import (
     ramp_said,
     transition_table,
 )
+from romgrl.report.grid_tables import WALKER_ORDER
 from romgrl.report.page import tables as origins
 from romgrl.report.page.charts import Chart
 from romgrl.report.page.command_charts import gaits_seen, grid_charts, matrix_charts, ramp_charts
