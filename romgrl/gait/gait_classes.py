@@ -2,8 +2,9 @@
 
 An episode is of the gait whose footfall it fits: the phase of the right touchdown within `off`, the share of flight in
 its range, the correlation of the feet's x not above its limit. Of several it is the one with the nearest phase. Walk
-and run have the same phase: what has no flight and a duty factor of 0.5 at least is a walk. A skip that leads with the
-other foot is the mirror image of one, and a skip, too. An episode that falls, stands, or fits nothing has no gait.
+and run have the same phase, and a slow run need not fly: without flight what vaults over its stance leg is a walk, what
+sinks on it a run (McMahon, Valiant & Frederick 1987, J. Appl. Physiol. 62:2326). A skip that leads with the other foot
+is the mirror image of one, and a skip, too. An episode that falls, stands, or fits nothing has no gait.
 """
 
 from __future__ import annotations
@@ -13,9 +14,15 @@ from typing import Any
 
 import numpy as np
 
-from romgrl.gait.features import Bools, Gait
+from romgrl.gait.features import BODY_Y, Bools, Gait
 from romgrl.gait.footfall import FOOTFALLS, Footfall
-from romgrl.gait.metrics import duty_factor, infer_contact, left_right_correlation, steady_steps, touchdown_phase
+from romgrl.gait.metrics import (
+    infer_contact,
+    left_right_correlation,
+    mid_stance_rise,
+    steady_steps,
+    touchdown_phase,
+)
 
 OF_NO_GAIT = "none"
 CLASSES = ("walk", "run", "hop", "skip")
@@ -58,8 +65,8 @@ def _class_of(gait: Gait, contact: Bools, valid: Bools) -> str:
         for name in CLASSES
         if _fits(FOOTFALLS[name], phase, flight=flight, correlation=correlation)
     }
-    if duty_factor(contact, valid) < RUNS_BELOW:
-        off.pop("walk", None)
+    if {"walk", "run"} <= off.keys():
+        off.pop("run" if mid_stance_rise(gait.features[..., BODY_Y], contact, valid) > 0 else "walk")
     return min(off, key=lambda name: off[name]) if off else OF_NO_GAIT
 
 

@@ -145,8 +145,7 @@ def touchdowns(contact: Bools) -> list[int]:
     Gaps of one step are closed first: at 30 Hz they are chatter. What is on the ground for one step alone is no stance
     then, but a toe that scuffs in its swing.
     """
-    closed = contact.copy()
-    closed[1:-1] |= contact[:-2] & contact[2:]
+    closed = _without_gaps(contact)
     stays = np.append(closed[1:], True)
     return (np.flatnonzero(closed[1:] & ~closed[:-1] & stays[1:]) + 1).tolist()
 
@@ -177,6 +176,19 @@ def touchdown_phase(contact: Bools, valid: Bools | None = None) -> float:
     if not phases:
         return float("nan")
     return float(np.angle(np.exp(2j * np.pi * np.asarray(phases)).mean()) / (2 * np.pi) % 1.0)
+
+
+def mid_stance_rise(height: Floats, contact: Bools, valid: Bools | None = None) -> float:
+    """How much higher the body is in the middle of a stance than at its two ends, m, mean over stances: above 0 it
+    vaults, as in a walk, below 0 it bounces. height (E, T); contact (E, T, 2). nan without a whole stance."""
+    rises = []
+    for body, feet in zip(_episodes(height, valid), _episodes(contact, valid), strict=True):
+        for foot in feet.T:
+            for start, stop in pairwise(touchdowns(foot)):
+                lifted = start + int(_without_gaps(foot)[start:stop].argmin())
+                if lifted > start:
+                    rises.append(float(body[(start + lifted) // 2] - 0.5 * (body[start] + body[lifted])))
+    return _nanmean(rises)
 
 
 def phase_lag(windows: Floats, reference_windows: Floats, dt: float, rate: float) -> tuple[float, float]:
@@ -260,6 +272,13 @@ def _episodes(values: NDArray[Scalar], valid: Bools | None) -> Iterator[NDArray[
     """The valid steps of each episode."""
     for index, episode in enumerate(values):
         yield episode if valid is None else episode[valid[index]]
+
+
+def _without_gaps(contact: Bools) -> Bools:
+    """Contact (T,) with gaps of one step closed."""
+    closed = contact.copy()
+    closed[1:-1] |= contact[:-2] & contact[2:]
+    return closed
 
 
 def _masked_mean(values: Floats, valid: Bools | None) -> float:

@@ -29,7 +29,7 @@ from romgrl.report.page.library_page import write_library_page
 from romgrl.report.style import save
 from romgrl.runtime.stage_log import StageLog
 from romgrl.stages.rollouts.orbital_stability import teacher_multipliers
-from romgrl.stages.rollouts.teacher import roll_out_teacher
+from romgrl.stages.rollouts.teacher import roll_out_at_speed
 from romgrl.stages.wiring.jumps_asked import jumps_asked
 from romgrl.stages.wiring.rom import drawn_feet, rom_parameters
 from romgrl.stages.wiring.teacher_strides import teacher_strides
@@ -94,10 +94,10 @@ def finished_cell(path: Path) -> Cell | None:
 
 def make_cell(config: Config, teacher: Path) -> Cell:
     """The reference of a cell, and its row of the table as JSON."""
-    gait = roll_out_teacher(teacher, config)
+    gait, told = roll_out_at_speed(teacher, config)
     assert gait.velocity is not None
     assert gait.contact is not None
-    row = cell_row(config, gait, teacher)
+    row = cell_row(config, gait, told, teacher)
     steps, valid = config.reference.steps, gait.valid
     arrays = {
         "features": filled(gait.features[valid], steps, np.nan),
@@ -129,14 +129,15 @@ def check_apexes(row: Mapping[str, float]) -> None:
         raise ArtifactError(f"the reference misses: {told}, limit {LARGEST_APEX_ERROR}")
 
 
-def cell_row(config: Config, gait: Gait, teacher: Path) -> dict[str, Any]:
-    """A row of library.csv."""
+def cell_row(config: Config, gait: Gait, told: Config, teacher: Path) -> dict[str, Any]:
+    """A row of library.csv; `told`: the configuration with the speed that the teacher was told for this cell."""
     parameters, footfall = rom_parameters(config), FOOTFALLS[config.teacher.gait]
     row: dict[str, Any] = {
         "gait": config.teacher.gait,
         "speed_m_per_s": config.teacher.speed,
         "stiffness_share": config.teacher.stiffness_share,
         "apex_m": config.teacher.apex,
+        "told_speed_m_per_s": told.teacher.speed,
         "fit": True,
         "reason": "",
     }
@@ -157,7 +158,7 @@ def cell_row(config: Config, gait: Gait, teacher: Path) -> dict[str, Any]:
     )
     metres = max(row["steady_speed_m_per_s"], 0.1) if config.teacher.speed else math.nan  # none is asked on the spot
     row["positive_work_j_per_kg_m"] = row["positive_power_w_per_kg"] / metres
-    strides = teacher_strides(config, teacher)
+    strides = teacher_strides(told, teacher)
     if strides is not None:
         last = teacher_multipliers(strides, config.library.orbit_worlds, config.seed).query("rank == 1").iloc[-1]
         row |= {

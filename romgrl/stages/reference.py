@@ -14,7 +14,7 @@ from romgrl.gait.features import CHANNELS, POWERS, Gait
 from romgrl.gait.footfall import FOOTFALLS
 from romgrl.gait.reference_check import check_reference
 from romgrl.runtime.stage_log import StageLog
-from romgrl.stages.rollouts.teacher import roll_out_teacher
+from romgrl.stages.rollouts.teacher import roll_out_at_speed
 
 
 def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog) -> None:
@@ -23,10 +23,11 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
     With `reference.check` false an unfit one is written, too, falls and all.
     """
     reference = config.reference
-    gait = roll_out_teacher(inputs["teacher"], config)
+    gait, told = roll_out_at_speed(inputs["teacher"], config)
     try:
         log.metrics(check_reference(gait, FOOTFALLS[config.teacher.gait]), reference.steps)
-        log.message(f"{reference.steps} steps in {reference.episodes} episodes, fit to be imitated")
+        at = "" if told is config else f", told {told.teacher.speed:.2f} m/s to hold {config.teacher.speed:g}"
+        log.message(f"{reference.steps} steps in {reference.episodes} episodes{at}, fit to be imitated")
     except ArtifactError as error:
         if reference.check:
             raise

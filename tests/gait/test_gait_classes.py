@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from romgrl.gait.features import Gait
+from romgrl.gait.features import BODY_Y, Gait
 from romgrl.gait.footfall import FOOTFALLS
 from romgrl.gait.gait_classes import CLASSES, classified, phase_off
 from tests.helpers.synthetic_gait import DT, run
@@ -36,6 +36,14 @@ def gait(*, right_phase: float = 0.5, duty: float = 0.3, **more: float) -> Gait:
 )
 def test_an_episode_is_of_the_gait_whose_footfall_it_fits(expected: str, right_phase: float, duty: float) -> None:
     assert classified(gait(right_phase=right_phase, duty=duty, frequency=1.5)) == [expected, "none"]
+
+
+def test_without_flight_what_vaults_walks_and_what_bounces_runs() -> None:
+    """Of the same contacts, with the body's height upside down: the synthetic one is highest in mid-stance."""
+    vaulting = gait(duty=0.55, frequency=1.5)
+    bouncing = gait(duty=0.55, frequency=1.5)
+    bouncing.features[..., BODY_Y] = 1.8 - bouncing.features[..., BODY_Y]
+    assert (classified(vaulting)[0], classified(bouncing)[0]) == ("walk", "run")
 
 
 def test_what_stands_has_no_gait() -> None:

@@ -1,0 +1,55 @@
+"""A teacher of a range of speeds is told another one where it holds more or less than it is told."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from romgrl.config.schema import Config
+from romgrl.gait.features import Gait
+from romgrl.stages.rollouts import teacher
+from romgrl.stages.rollouts.teacher import roll_out_at_speed
+from tests.conftest import Composer
+from tests.helpers.synthetic_gait import DT, run
+
+PLACE = Path("teacher")
+
+
+@pytest.fixture
+def told(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """Speeds that a teacher was told which holds 0.95 of each, and falls above 4.9 m/s."""
+    speeds: list[float] = []
+
+    def roll_out(directory: Path, config: Config) -> Gait:
+        speeds.append(config.teacher.speed)
+        features, contact = run(episodes=2)
+        valid, velocity = np.ones(contact.shape[:2], bool), np.full(contact.shape[:2], 0.95 * config.teacher.speed)
+        return Gait(features, valid, np.full(2, config.teacher.speed > 4.9), DT, velocity=velocity, contact=contact)
+
+    monkeypatch.setattr(teacher, "roll_out_teacher", roll_out)
+    return speeds
+
+
+def test_a_slow_teacher_is_told_the_difference(told: list[float], compose_config: Composer) -> None:
+    gait, at = roll_out_at_speed(PLACE, compose_config("teacher=variable_running", "speed=4"))
+    assert told == pytest.approx([4.0, 4.2])
+    assert (at.teacher.speed, at.speed) == pytest.approx((4.2, 4.0))
+    assert gait.velocity is not None
+    assert gait.velocity.mean() == pytest.approx(4.0, abs=0.04)
+
+
+@pytest.mark.parametrize(
+    ("settings", "tries", "kept"),
+    [
+        (("teacher=variable_running", "speed=4.8"), [4.8, 5.0], 4.8),  # it falls there; 5 is the end of its range
+        (("teacher=variable_running", "speed=4.6"), [4.6, 4.83], 4.83),
+        (("speed=4",), [4.0], 4.0),  # a teacher of one speed knows no other
+    ],
+)
+def test_it_is_told_what_lies_in_its_range_and_keeps_what_stands(
+    told: list[float], compose_config: Composer, settings: tuple[str, ...], tries: list[float], kept: float
+) -> None:
+    assert roll_out_at_speed(PLACE, compose_config(*settings)).told.teacher.speed == pytest.approx(kept)
+    assert told == pytest.approx(tries)
