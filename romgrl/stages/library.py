@@ -29,7 +29,7 @@ from romgrl.report.page.library_page import write_library_page
 from romgrl.report.style import save
 from romgrl.runtime.stage_log import StageLog
 from romgrl.stages.rollouts.orbital_stability import teacher_multipliers
-from romgrl.stages.rollouts.teacher import roll_out_at_speed
+from romgrl.stages.rollouts.teacher import roll_out_as_asked
 from romgrl.stages.wiring.jumps_asked import jumps_asked
 from romgrl.stages.wiring.rom import drawn_feet, rom_parameters
 from romgrl.stages.wiring.teacher_strides import teacher_strides
@@ -94,7 +94,7 @@ def finished_cell(path: Path) -> Cell | None:
 
 def make_cell(config: Config, teacher: Path) -> Cell:
     """The reference of a cell, and its row of the table as JSON."""
-    gait, told = roll_out_at_speed(teacher, config)
+    gait, told = roll_out_as_asked(teacher, config)
     assert gait.velocity is not None
     assert gait.contact is not None
     row = cell_row(config, gait, told, teacher)
@@ -130,7 +130,7 @@ def check_apexes(row: Mapping[str, float]) -> None:
 
 
 def cell_row(config: Config, gait: Gait, told: Config, teacher: Path) -> dict[str, Any]:
-    """A row of library.csv; `told`: the configuration with the speed that the teacher was told for this cell."""
+    """A row of library.csv; `told`: the configuration that the teacher was told for this cell."""
     parameters, footfall = rom_parameters(config), FOOTFALLS[config.teacher.gait]
     row: dict[str, Any] = {
         "gait": config.teacher.gait,
@@ -138,6 +138,7 @@ def cell_row(config: Config, gait: Gait, told: Config, teacher: Path) -> dict[st
         "stiffness_share": config.teacher.stiffness_share,
         "apex_m": config.teacher.apex,
         "told_speed_m_per_s": told.teacher.speed,
+        "told_apex_m": told.teacher.apex,
         "fit": True,
         "reason": "",
     }

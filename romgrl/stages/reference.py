@@ -14,7 +14,7 @@ from romgrl.gait.features import CHANNELS, POWERS, Gait
 from romgrl.gait.footfall import FOOTFALLS
 from romgrl.gait.reference_check import check_reference
 from romgrl.runtime.stage_log import StageLog
-from romgrl.stages.rollouts.teacher import roll_out_at_speed
+from romgrl.stages.rollouts.teacher import roll_out_as_asked
 
 
 def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog) -> None:
@@ -23,11 +23,12 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
     With `reference.check` false an unfit one is written, too, falls and all.
     """
     reference = config.reference
-    gait, told = roll_out_at_speed(inputs["teacher"], config)
+    told = roll_out_as_asked(inputs["teacher"], config)
+    gait = told.gait
     try:
         log.metrics(check_reference(gait, FOOTFALLS[config.teacher.gait]), reference.steps)
-        at = "" if told is config else f", told {told.teacher.speed:.2f} m/s to hold {config.teacher.speed:g}"
-        log.message(f"{reference.steps} steps in {reference.episodes} episodes{at}, fit to be imitated")
+        how = f"{reference.steps} steps in {reference.episodes} episodes{told.words(config)}"
+        log.message(f"{how}, fit to be imitated")
     except ArtifactError as error:
         if reference.check:
             raise

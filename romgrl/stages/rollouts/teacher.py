@@ -5,51 +5,70 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from romgrl.config.schema import Config
 from romgrl.gait.features import Gait
 from romgrl.gait.recording import record
-from romgrl.stages.wiring.rom import rom_env
+from romgrl.stages.wiring.jumps_asked import jumps_asked
+from romgrl.stages.wiring.rom import rom_env, rom_parameters
 from romgrl.stages.wiring.seeds import REFERENCE_SEED
 from romgrl.stages.wiring.teacher_policy import read_teacher
 
-CORRECTIONS, HELD_WITHIN = 2, 0.01
-"""How often a teacher of a range is told another speed, and how far off it may stay: m/s, or a share of the speed."""
+CORRECTIONS = 2
+"""How often a teacher of a range is told another speed or apex."""
+SPEED_WITHIN, APEX_WITHIN = 0.01, 0.005
+"""How far off it may stay: m/s, or a share of the speed where that is more; m."""
 
 
-class HeldSpeed(NamedTuple):
-    """Episodes of a teacher, and the configuration with the speed that it was told, m/s."""
+class Told(NamedTuple):
+    """Episodes of a teacher, and the configuration with the speed and apex that it was told."""
 
     gait: Gait
-    told: Config
+    config: Config
+
+    def words(self, asked: Config) -> str:
+        """What it was told instead of what is asked for; nothing where that is the same."""
+        told, goal = self.config.teacher, asked.teacher
+        if told.apex != goal.apex:
+            return f", told {told.apex:.3g} m for an apex of {goal.apex:g} m"
+        return f", told {told.speed:.3g} m/s to hold {goal.speed:g} m/s" if told.speed != goal.speed else ""
 
 
-def roll_out_at_speed(directory: Path, config: Config) -> HeldSpeed:
-    """Episodes as near to the configured speed as the teacher gets, see `roll_out_teacher`.
+def roll_out_as_asked(directory: Path, config: Config) -> Told:
+    """Episodes as near to the configured speed, or apex, as the teacher gets, see `roll_out_teacher`.
 
-    One policy of a range of speeds holds some a few per cent slow or fast. Its command is an input like any other, so
-    it is told the difference, too, within its range. Episodes with the fewest falls, then the nearest speed, are kept.
+    One policy of a range goes some speeds a few per cent slow or fast. Its command is an input like any other, so it is
+    told the difference, too, within its range. Episodes with the fewest falls, then the nearest goal, are kept.
     """
-    asked, limits = config.teacher.speed, config.teacher.speeds
-    best = HeldSpeed(roll_out_teacher(directory, config), config)
+    best = Told(roll_out_teacher(directory, config), config)
+    teacher = config.teacher
+    goal, limits = ("apex", teacher.apexes) if teacher.apexes else ("speed", teacher.speeds)
     if limits is None:
         return best
-    told, held = asked, held_speed(best.gait)
+    told = asked = float(getattr(teacher, goal))
+    within = APEX_WITHIN if teacher.apexes else SPEED_WITHIN * max(1.0, asked)
+    off = best_off = missed(best.gait, config)
     for _ in range(CORRECTIONS):
-        corrected = min(max(told + asked - held, limits[0]), limits[1])
-        if not HELD_WITHIN * max(1.0, asked) < abs(held - asked) < math.inf or corrected == told:
+        corrected = min(max(told - off, limits[0]), limits[1])
+        if not within < abs(off) < math.inf or corrected == told:
             break
-        at = replace(config, teacher=replace(config.teacher, speed=corrected))
-        found = HeldSpeed(roll_out_teacher(directory, at), at)
-        told, held = corrected, held_speed(found.gait)
-        best = min(best, found, key=lambda each: (each.gait.fallen.sum(), abs(held_speed(each.gait) - asked)))
+        goals: dict[str, Any] = {goal: corrected}
+        told, at = corrected, replace(config, teacher=replace(teacher, **goals))
+        found = Told(roll_out_teacher(directory, at), at)
+        off = missed(found.gait, config)
+        if (found.gait.fallen.sum(), abs(off)) < (best.gait.fallen.sum(), abs(best_off)):
+            best, best_off = found, off
     return best
 
 
-def held_speed(gait: Gait) -> float:
-    """Mean speed of the valid steps, m/s; infinite where there are none."""
-    return float(gait.velocity[gait.valid].mean()) if gait.velocity is not None and gait.valid.any() else math.inf
+def missed(gait: Gait, config: Config) -> float:
+    """How far the valid steps are above the speed, m/s, or the apex, m, that is asked for; infinite where none tell."""
+    if config.teacher.apexes:
+        off = jumps_asked(config, gait, rom_parameters(config)).get("jump_apex_m", math.nan) - config.teacher.apex
+        return off if math.isfinite(off) else math.inf
+    assert gait.velocity is not None
+    return float(gait.velocity[gait.valid].mean()) - config.teacher.speed if gait.valid.any() else math.inf
 
 
 def roll_out_teacher(directory: Path, config: Config) -> Gait:

@@ -1,4 +1,4 @@
-"""A teacher of a range of speeds is told another one where it holds more or less than it is told."""
+"""A teacher of a range is told another speed or apex where it comes to more or less than it is told."""
 
 from __future__ import annotations
 
@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from romgrl.config.schema import Config
-from romgrl.gait.features import Gait
+from romgrl.gait.features import BODY_Y, Gait
+from romgrl.rom.parameters import standing_height
 from romgrl.stages.rollouts import teacher
-from romgrl.stages.rollouts.teacher import roll_out_at_speed
+from romgrl.stages.rollouts.teacher import missed, roll_out_as_asked
+from romgrl.stages.wiring.rom import rom_parameters
 from tests.conftest import Composer
 from tests.helpers.synthetic_gait import DT, run
 
@@ -33,11 +35,31 @@ def told(monkeypatch: pytest.MonkeyPatch) -> list[float]:
 
 
 def test_a_slow_teacher_is_told_the_difference(told: list[float], compose_config: Composer) -> None:
-    gait, at = roll_out_at_speed(PLACE, compose_config("teacher=variable_running", "speed=4"))
+    gait, at = roll_out_as_asked(PLACE, compose_config("teacher=variable_running", "speed=4"))
     assert told == pytest.approx([4.0, 4.2])
     assert (at.teacher.speed, at.speed) == pytest.approx((4.2, 4.0))
     assert gait.velocity is not None
     assert gait.velocity.mean() == pytest.approx(4.0, abs=0.04)
+
+
+def test_a_teacher_that_jumps_too_low_is_told_the_difference(
+    monkeypatch: pytest.MonkeyPatch, compose_config: Composer
+) -> None:
+    """One that comes to 0.9 of each apex. Its body is at standing height on the ground, and at the apex in the air."""
+    config, tries = compose_config("teacher=jumping", "teacher.apex=0.3"), []
+    standing = standing_height(rom_parameters(config))
+
+    def roll_out(directory: Path, at: Config) -> Gait:
+        tries.append(at.teacher.apex)
+        features, contact = run(episodes=2, right_phase=0.0, duty=0.4)
+        features[..., BODY_Y] = standing + 0.9 * at.teacher.apex * ~contact.any(axis=-1)
+        return Gait(features, np.ones(contact.shape[:2], bool), np.zeros(2, bool), DT, contact=contact)
+
+    monkeypatch.setattr(teacher, "roll_out_teacher", roll_out)
+    told = roll_out_as_asked(PLACE, config)
+    assert tries == pytest.approx([0.3, 0.33])
+    assert told.words(config) == ", told 0.33 m for an apex of 0.3 m"
+    assert (told.words(told.config), missed(told.gait, config)) == ("", pytest.approx(-0.003, abs=1e-6))
 
 
 @pytest.mark.parametrize(
@@ -51,5 +73,5 @@ def test_a_slow_teacher_is_told_the_difference(told: list[float], compose_config
 def test_it_is_told_what_lies_in_its_range_and_keeps_what_stands(
     told: list[float], compose_config: Composer, settings: tuple[str, ...], tries: list[float], kept: float
 ) -> None:
-    assert roll_out_at_speed(PLACE, compose_config(*settings)).told.teacher.speed == pytest.approx(kept)
+    assert roll_out_as_asked(PLACE, compose_config(*settings)).config.teacher.speed == pytest.approx(kept)
     assert told == pytest.approx(tries)
