@@ -23,6 +23,7 @@ ROWS: dict[str, Row] = {
     "rom_threads": Row("ROM env on 2 threads beside 1", rom.two_threads),
     "rom_box2d": Row("ROM physics per core, Box2D", rom.box2d),
     "rom_native": Row("ROM physics per core, native engine", rom.native),
+    "rom_native_motors": Row("the same of legs with motors", rom.native_motors),
     "teacher_vs_sb3": Row("teacher training beside Stable-Baselines3's PPO", teacher.beside_sb3),
     "teacher_vs_sample_factory": Row("teacher training beside Sample Factory's APPO", teacher.beside_sample_factory),
     "teacher_time_to_check": Row("default teacher until its gait passes, median of 3 seeds", checks.teacher),

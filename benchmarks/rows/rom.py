@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from benchmarks.measure import Options, Result, Unavailable, compare, rate
 from benchmarks.setup import configuration
 from romgrl.config.worlds import SpringLeg
-from romgrl.rom.parameters import SpringLegParameters
-from romgrl.rom.vector_env import SpringLegVectorEnv
+from romgrl.rom.parameters import SpringLegParameters, VariableLegParameters
+from romgrl.rom.vector_env import SpringLegVectorEnv, VariableLegVectorEnv
 
 WORLDS, STEPS = 64, 600
 MANY_WORLDS = 2048  # a step of 64 of the native engine's takes 25 us, too little to share
@@ -27,20 +27,20 @@ def make(threads: int, worlds: int = WORLDS, **parameters: Any) -> SpringLegVect
     return env
 
 
-def held_actions(worlds: int = WORLDS) -> NDArray[np.float32]:
+def held_actions(env: SpringLegVectorEnv) -> NDArray[np.float32]:
     """One random action per world; under it worlds run, fall and start anew."""
-    return np.random.default_rng(0).uniform(-1, 1, (worlds, 2)).astype(np.float32)
+    return np.random.default_rng(0).uniform(-1, 1, env.action_space.shape or ()).astype(np.float32)
 
 
 def through_python(env: SpringLegVectorEnv, steps: int) -> Callable[[], object]:
     """`steps` control steps of all worlds."""
-    action = held_actions(env.num_envs)
+    action = held_actions(env)
     return lambda: [env.step(action) for _ in range(steps)]
 
 
 def bare_loop(env: SpringLegVectorEnv, steps: int) -> Callable[[], object]:
     """The same steps in C++ alone."""
-    action = held_actions(env.num_envs)
+    action = held_actions(env)
     return lambda: env._batch.repeat(action, env._buffers, steps)
 
 
@@ -98,9 +98,9 @@ def two_threads(options: Options) -> Result:
     )
 
 
-def physics(options: Options, reference: float, target: str, **parameters: Any) -> Result:
+def physics(options: Options, env: SpringLegVectorEnv, reference: float, target: str) -> Result:
     """Steps per second of one core, without Python between them, beside a fixed number."""
-    steps, env = options.scaled(round(STEPS * reference / BEFORE)), make(1, **parameters)
+    steps = options.scaled(round(STEPS * reference / BEFORE))
     return compare(
         rate(bare_loop(env, steps), steps * WORLDS),
         lambda: reference,
@@ -113,12 +113,19 @@ def physics(options: Options, reference: float, target: str, **parameters: Any) 
 
 def box2d(options: Options) -> Result:
     """Box2D beside what it did before any of this."""
-    return physics(options, BEFORE, ">= 3", engine="box2d")
+    return physics(options, make(1, engine="box2d"), BEFORE, ">= 3")
 
 
 def native(options: Options) -> Result:
     """The engine of our own beside its aim."""
-    return physics(options, FULL_SPEED, ">= 1", engine="native")
+    return physics(options, make(1, engine="native"), FULL_SPEED, ">= 1")
+
+
+def native_motors(options: Options) -> Result:
+    """The same of legs with motors."""
+    env = VariableLegVectorEnv(parameters=VariableLegParameters(engine="native"), num_envs=WORLDS, num_threads=1)
+    env.reset(seed=0)
+    return physics(options, env, FULL_SPEED, ">= 2")
 
 
 def default_engine(threads: int) -> dict[str, Any]:
