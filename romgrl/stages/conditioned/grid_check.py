@@ -24,6 +24,7 @@ from romgrl.gait.metrics import describe
 from romgrl.gait.recording import record
 from romgrl.humanoid.command_schedules import CommandTable
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
+from romgrl.provenance.kept_check import kept_check, worst_fifth
 from romgrl.runtime.stage_log import StageLog
 from romgrl.stages.conditioned.cells import CommandCells
 from romgrl.stages.training.adapted_eta import ADAPTS_FROM, adapted
@@ -34,8 +35,6 @@ from romgrl.stages.wiring.seeds import CHECK_SEED
 
 EPISODES, STEPS = 4, 300
 """Of each cell."""
-WORST = 0.2
-"""Share of the cells that a policy is judged by: those where it is worst."""
 LOST = 10.0
 """What a cell is short of at most for its speed and for its gait, and for falling."""
 
@@ -144,8 +143,7 @@ class GridChecks:
     @property
     def kept(self) -> int:
         """Number of the check whose policy is kept."""
-        last = self.config.student.kept_policy == "last"
-        return len(self.scores) - 1 if last else int(np.argmin(self.scores))
+        return kept_check(self.scores, self.config.student.kept_policy)
 
     def keep_best(self, learner: RomGrl) -> tuple[Tensor, Tensor]:
         """Give the averaged policy of the agent the best weights; mean and scale of its observations."""
@@ -187,12 +185,6 @@ def shortfall(row: Mapping[str, float], speed: float, *, imitates: bool) -> floa
     parts = [abs(row["speed_error_m_per_s"]) / speed_tolerance(speed), row["error_over_variance"] if imitates else 0.0]
     short: NDArray[np.float64] = np.minimum(np.nan_to_num(parts, nan=LOST), LOST)
     return float(LOST * row["falls"] / EPISODES + short.sum())
-
-
-def worst_fifth(values: list[float]) -> float:
-    """Mean of the largest fifth, of one at least."""
-    worst = sorted(values, reverse=True)[: max(1, round(WORST * len(values)))]
-    return float(np.mean(worst))
 
 
 def right_speed(row: Mapping[str, float]) -> bool:
