@@ -34,7 +34,7 @@ from romgrl.stages.conditioned.cells import CommandCells, read_command_cells
 from romgrl.stages.conditioned.grid_cells import GridCells
 from romgrl.stages.conditioned.grid_summary import (
     bar,
-    cheapest,
+    cheapest_speeds,
     diagonal_percent,
     held_out_ratio,
     least_spearman,
@@ -252,6 +252,7 @@ def test_numbers_of_the_bars_are_those_of_made_up_tables() -> None:
             "stride_frequency_hz": [1.2, 1.3, 1.25, np.nan],
             "cost_of_transport": [0.5, 0.4, 0.45, np.nan],
             "error_over_specialist": np.nan,
+            "falls": 0,
         }
     )
     assert held_out_ratio(rows) == pytest.approx(0.3 / 0.2)
@@ -259,7 +260,9 @@ def test_numbers_of_the_bars_are_those_of_made_up_tables() -> None:
     fallen = rows.assign(error_over_variance=[0.1, np.nan, 0.3, 0.33])  # all episodes of one that is not taught
     assert held_out_ratio(fallen) == np.inf
     assert least_spearman(rows, "stride_frequency_hz") == pytest.approx(0.5)
-    assert cheapest(rows) == {"run": {"least": 0.4, "at_m_per_s": 2.5, "is_u": True}}
+    assert cheapest_speeds(rows) == {"run": {"least": 0.4, "at_m_per_s": 2.5, "is_u": True}}
+    fallen = rows.assign(falls=[0, 0, 1, 0])  # a cell in which it falls is no end of a U
+    assert cheapest_speeds(fallen) == {"run": {"least": 0.4, "at_m_per_s": 2.5, "is_u": False}}
     beside = with_specialists(rows, [Specialist("run", 3.0, 0.2, 0, 16), Specialist("walk", 2.0, 0.1, 0, 16)])
     assert beside.error_over_specialist.isna().tolist() == [True, True, False, True]
     assert beside.error_over_specialist[2] == pytest.approx(1.5)

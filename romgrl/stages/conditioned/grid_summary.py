@@ -12,6 +12,7 @@ from scipy.stats import spearmanr
 
 from romgrl.gait.command_following import switching_speed
 from romgrl.gait.features import Floats
+from romgrl.report.cost_over_speed import cost_over_speed
 from romgrl.report.grid_tables import BARS
 from romgrl.report.specialists import Specialist
 from romgrl.stages.conditioned.grid_cells import GridCells
@@ -59,7 +60,7 @@ def grid_results(
         "ramp": {name: ramp_numbers(ramp[ramp.walker == name], asked) for name in ("student", "baseline")},
         "ramp_gaits": list(asked.gaits),
         "human_switch_m_per_s": list(HUMAN_SWITCH),
-        "cost_of_transport": {name: cheapest(table[table.walker == name]) for name in ("student", "teacher")},
+        "cost_of_transport": {name: cheapest_speeds(table[table.walker == name]) for name in ("student", "teacher")},
     }
 
 
@@ -146,18 +147,14 @@ def ramp_numbers(rows: pd.DataFrame, asked: Ramp) -> dict[str, float | None]:
     return {name: known(value) for name, value in found.items()}
 
 
-def cheapest(rows: pd.DataFrame) -> dict[str, dict[str, Any]]:
+def cheapest_speeds(rows: pd.DataFrame) -> dict[str, dict[str, Any]]:
     """Of each gait the speed of the least cost of transport, and whether it costs more at both ends: a U."""
     found = {}
     for gait, own in rows.groupby("gait"):
-        ordered = own[own.cost_of_transport.notna()].sort_values("speed_m_per_s")
-        if len(ordered):
-            place = int(ordered.cost_of_transport.to_numpy().argmin())
-            found[str(gait)] = {
-                "least": float(ordered.cost_of_transport.iloc[place]),
-                "at_m_per_s": float(ordered.speed_m_per_s.iloc[place]),
-                "is_u": 0 < place < len(ordered) - 1,
-            }
+        cost = cost_over_speed(own)
+        if len(cost.costs):
+            least, at = float(cost.costs[cost.cheapest]), float(cost.speeds[cost.cheapest])
+            found[str(gait)] = {"least": least, "at_m_per_s": at, "is_u": cost.is_u}
     return found
 
 
