@@ -159,11 +159,13 @@ def cheapest_speeds(rows: pd.DataFrame) -> dict[str, dict[str, Any]]:
 
 
 def with_specialists(table: pd.DataFrame, specialists: Sequence[Specialist]) -> pd.DataFrame:
-    """The same with `error_over_specialist` at the cells of specialists that have an error."""
+    """The same with `error_over_specialist` at the cells of specialists that have an error; inf where a walker falls in
+    all its episodes, and has none."""
     table = table.copy()
     for each in specialists:
         same = (table.gait == each.gait) & (table.speed_m_per_s.round(SPEED_DIGITS) == round(each.speed, SPEED_DIGITS))
         mine = same & table.walker.isin(("student", "baseline"))
         if each.error > 0:
-            table.loc[mine, "error_over_specialist"] = table.loc[mine, "error_over_variance"] / each.error
+            over = table.loc[mine, "error_over_variance"] / each.error
+            table.loc[mine, "error_over_specialist"] = over.fillna(math.inf)
     return table
