@@ -109,7 +109,7 @@ def ramp_falls(rows: pd.DataFrame) -> float:
 
 def held_out_ratio(rows: pd.DataFrame) -> float:
     """The largest error of a cell that is not taught over the mean of the taught ones next to it; nan without any, inf
-    where one of them has no error, since all fall."""
+    where it or one next to it has no error, since all its episodes fall."""
     ratios = []
     for _, own in rows.groupby("gait"):
         ordered = own.sort_values("speed_m_per_s")
@@ -117,7 +117,7 @@ def held_out_ratio(rows: pd.DataFrame) -> float:
         for _, row in ordered[~ordered.taught.astype(bool)].iterrows():
             near = [taught[taught.speed_m_per_s < row.speed_m_per_s].tail(1)]
             near.append(taught[taught.speed_m_per_s > row.speed_m_per_s].head(1))
-            ratio = float(row.error_over_variance / pd.concat(near).error_over_variance.mean())
+            ratio = float(row.error_over_variance / pd.concat(near).error_over_variance.mean(skipna=False))
             ratios.append(ratio if math.isfinite(ratio) else math.inf)
     return max(ratios, default=math.nan)
 
