@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
+import pytest
 import torch
 
 from romgrl.stages.conditioned.command_watch import speed_bands
@@ -32,3 +36,10 @@ def test_cells_at_both_ends_of_a_band_count() -> None:
         [False, False, False, True],
     ]
     assert [band.gait for band in bands] == [RUN, RUN, WALK]
+
+
+def test_the_weight_of_the_task_is_that_of_the_cells_of_a_band() -> None:
+    """Which the checks steer one by one: the mean of all says nothing of a band."""
+    learner: Any = SimpleNamespace(cells=cells(), etas=torch.tensor([0.2, 0.4, 0.6, 0.9]), eta=0.525)
+    bands = speed_bands(np.array([[2.0, 4.0], [1.0, 1.0], [1.0, 1.0]]))
+    assert [band.task_weight(learner) for band in bands] == pytest.approx([0.3, 0.5, 0.9, 0.525])

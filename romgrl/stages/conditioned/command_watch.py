@@ -51,6 +51,11 @@ class SpeedBand(NamedTuple):
         """Which cells (C,) its commands lie between: those at both of its ends, too."""
         return (cells.gait == self.gait) & (cells.speed >= self.low) & (cells.speed <= self.high)
 
+    def task_weight(self, learner: ConditionedRomGrl) -> float:
+        """Mean weight of the task at its cells; at all of them where it has none."""
+        among = None if learner.cells is None else self.among(learner.cells)
+        return learner.eta if among is None or not bool(among.any()) else float(learner.etas[among].mean())
+
 
 def speed_bands(ranges: Array) -> list[SpeedBand]:
     """Of the range (2,) of each gait (G, 2), m/s."""
@@ -132,11 +137,12 @@ class CommandWatch:
             if not values:
                 continue
             task, imitation = float(pay[inside].mean()), float(rewards[inside].mean())
-            total = learner.eta * task + (1 - learner.eta) * imitation
+            eta = band.task_weight(learner)
+            total = eta * task + (1 - eta) * imitation
             values |= discriminator.accuracies_of(windows[inside], among)
             values |= {
                 "imitation_reward": imitation,
-                "imitation_share": (1 - learner.eta) * imitation / max(total, 1e-6),
+                "imitation_share": (1 - eta) * imitation / max(total, 1e-6),
                 "speed": float(windows[inside][:, -1].mean()),
             }
             self._rows[number].append({"step": float(step)} | {name: values[name] for name in WATCHED})
@@ -151,7 +157,8 @@ class CommandWatch:
         """BANDS_FILE: verdict and evidence of each band, over the last rows."""
         document = {}
         for band, rows in zip(self.bands, self._rows, strict=True):
-            setting = replace(health_setting(self._config), speed=band.low + 0.5 * SPEED_BAND, eta=self._learner.eta)
+            middle, eta = band.low + 0.5 * SPEED_BAND, band.task_weight(self._learner)
+            setting = replace(health_setting(self._config), speed=middle, eta=eta)
             now = diagnose(rows, setting)
             verdict = ", ".join(each.name for each in now) or ("healthy" if len(rows) >= LASTING_ROWS else TOO_SHORT)
             name = f"{self._cells.gaits[band.gait]} from {band.low:g} to {band.high:g} m/s"
