@@ -14,13 +14,12 @@ from romgrl.gait.command_following import switching_speed
 from romgrl.gait.features import Floats
 from romgrl.report.cost_over_speed import cost_over_speed
 from romgrl.report.grid_tables import BARS
-from romgrl.report.specialists import Specialist
+from romgrl.report.specialists import SPEED_DIGITS, Specialist
 from romgrl.stages.conditioned.grid_cells import GridCells
 from romgrl.stages.conditioned.transitions import Ramp
 
 HUMAN_SWITCH = (1.9, 3.0)
 """m/s: where people change from walk to run and back (arXiv 2501.00720)."""
-SPEED_DIGITS = 6
 WalkerNumbers = dict[str, float]
 
 
