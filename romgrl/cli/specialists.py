@@ -7,10 +7,11 @@ from itertools import islice
 from pathlib import Path
 
 from romgrl.cli.conditioned_students import TAUGHT_KEYS, usual_cells
-from romgrl.config.commanded import EPISODE_SECONDS, GRID_STAGES, is_conditioned
+from romgrl.config.commanded import GRID_STAGES, is_conditioned
 from romgrl.config.schema import Config
 from romgrl.config.values import refusal
 from romgrl.errors import RomgrlError
+from romgrl.provenance.grid_episodes import EPISODE_SECONDS
 
 SPECIALISTS_KEY = "evaluation.specialists"
 SPECIALISTS_KEYS = (SPECIALISTS_KEY, *TAUGHT_KEYS)

@@ -11,13 +11,14 @@ import pandas as pd
 
 from romgrl.artifacts import save_arrays
 from romgrl.artifacts.checkpoint import CHECKPOINT
-from romgrl.config.commanded import EPISODE_SECONDS, conditioned_keys
+from romgrl.config.commanded import conditioned_keys
 from romgrl.config.schema import Config
 from romgrl.gait.alignment import last_windows
 from romgrl.gait.distances import scale_of
 from romgrl.gait.features import Floats
 from romgrl.gait.gait_classes import CLASSES, OF_NO_GAIT
 from romgrl.gait.mmd import mmd_to_each
+from romgrl.provenance.grid_episodes import EPISODE_SECONDS
 from romgrl.report.specialists import read_specialist
 from romgrl.runtime.stage_log import StageLog
 from romgrl.stages.conditioned.asked_episodes import Arrays, Walker, command_table

@@ -173,6 +173,8 @@ EDITED = {
     "gait/measures.py": {"report", "library"},
     "algorithms/ppo.py": {"teacher"},
     "provenance/kept_check.py": TRAINED,
+    "provenance/taught_cells.py": TRAINED | {"export"},
+    "provenance/grid_episodes.py": set(),  # of the evaluation of a conditioned student
     "algorithms/ppo_policy.py": ROM_RUNS,
     "algorithms/rollout_buffer.py": {"teacher"},
     "algorithms/networks/running_normalizer.py": ROM_RUNS | TRAINED,

@@ -22,6 +22,8 @@ from romgrl.gait.gait_classes import classified
 from romgrl.gait.mmd import mmd_test
 from romgrl.humanoid.model import configured, fingerprint
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
+from romgrl.provenance import grid_episodes
+from romgrl.provenance.source_digest import stage_files
 from romgrl.provenance.stage_graph import STAGES, plan
 from romgrl.provenance.stage_keys import stage_function, stage_key, stage_settings
 from romgrl.report.grid_tables import evaluation_metrics, evaluation_tables, grid_names
@@ -251,3 +253,4 @@ def test_the_evaluation_of_a_conditioned_student_has_stage_and_key_of_its_own(co
     same, others = ("speed", 3.0), (("student.taught_step", 0.5), ("evaluation.episodes", 3), ("reference.steps", 900))
     assert stage_key("evaluation", with_value(config, *same), {}) == key
     assert all(stage_key("evaluation", with_value(config, *each), {}) != key for each in others)
+    assert grid_episodes.__name__ in stage_files(stage_function("evaluation", config), drawing=False)
