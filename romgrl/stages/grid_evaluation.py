@@ -24,7 +24,7 @@ from romgrl.runtime.stage_log import StageLog
 from romgrl.stages.conditioned.asked_episodes import Arrays, Walker, command_table
 from romgrl.stages.conditioned.cells import read_command_cells
 from romgrl.stages.conditioned.grid_cells import GridCells, TableRow, walk_cells
-from romgrl.stages.conditioned.grid_summary import grid_results, with_specialists
+from romgrl.stages.conditioned.grid_summary import grid_results, specialist_numbers, with_specialists
 from romgrl.stages.conditioned.transitions import (
     AFTER,
     BEFORE,
@@ -88,7 +88,7 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
         "mmd": STANDARDISED,
         "kept_by": KEPT_BY,
     }
-    found["specialists"] = [each._asdict() for each in specialists]
+    found["specialists"] = specialist_numbers(specialists)
     (output / "grid.json").write_text(json.dumps(found, indent=1, allow_nan=False) + "\n", encoding="utf-8")
     log.message(f"{found['reached']} of {len(found['bars'])} bars reached; {KEPT_BY}")
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -14,6 +16,7 @@ from romgrl.stages.conditioned.grid_summary import (
     diagonal_percent,
     held_out_ratio,
     least_spearman,
+    specialist_numbers,
     with_specialists,
 )
 
@@ -52,3 +55,15 @@ def test_numbers_of_the_bars_are_those_of_made_up_tables() -> None:
     reached = [bar("most_falls_percent", {"student": {"most_falls_percent": value}})["reached"] for value in (1.0, 2.0)]
     assert reached == [True, False]
     assert bar("most_falls_percent", {"student": {}})["reached"] is None
+
+
+def test_a_specialist_without_an_error_is_written_as_one() -> None:
+    """Strict JSON has no nan: the evaluation would end with nothing after all its episodes."""
+    (entry,) = specialist_numbers([Specialist("run", 3.0, float("nan"), 16, 16)])
+    assert json.loads(json.dumps(entry, allow_nan=False)) == {
+        "gait": "run",
+        "speed": 3.0,
+        "error": None,
+        "falls": 16,
+        "episodes": 16,
+    }

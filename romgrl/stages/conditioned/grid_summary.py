@@ -157,6 +157,12 @@ def cheapest_speeds(rows: pd.DataFrame) -> dict[str, dict[str, Any]]:
     return found
 
 
+def specialist_numbers(specialists: Sequence[Specialist]) -> list[dict[str, Any]]:
+    """As grid.json has them: one that falls in all its episodes has no error."""
+    entries = [each._asdict() for each in specialists]
+    return [{name: known(v) if isinstance(v, float) else v for name, v in entry.items()} for entry in entries]
+
+
 def with_specialists(table: pd.DataFrame, specialists: Sequence[Specialist]) -> pd.DataFrame:
     """The same with `error_over_specialist` at the cells of specialists that have an error; inf where a walker falls in
     all its episodes, and has none."""
