@@ -21,9 +21,9 @@ from romgrl.gait.mmd import mmd_to_each
 from romgrl.provenance.grid_episodes import EPISODE_SECONDS
 from romgrl.report.specialists import read_specialist
 from romgrl.runtime.stage_log import StageLog
-from romgrl.stages.conditioned.asked_episodes import Arrays, Walker, command_table
+from romgrl.stages.conditioned.asked_episodes import Arrays, TableRow, Walker, command_table
 from romgrl.stages.conditioned.cells import read_command_cells
-from romgrl.stages.conditioned.grid_cells import GridCells, TableRow, walk_cells
+from romgrl.stages.conditioned.grid_cells import GridCells, walk_cells
 from romgrl.stages.conditioned.grid_summary import grid_results, specialist_numbers, with_specialists
 from romgrl.stages.conditioned.transitions import (
     AFTER,

@@ -20,13 +20,12 @@ from romgrl.gait.human_bands import COMPARED_WITH, outside
 from romgrl.gait.metrics import ENERGY_MEASURES, describe
 from romgrl.gait.null_models import null_models
 from romgrl.provenance.grid_episodes import EPISODE_SECONDS
-from romgrl.stages.conditioned.asked_episodes import Arrays, Asked, Walked, Walker, blocks, made_once
+from romgrl.stages.conditioned.asked_episodes import Arrays, Asked, TableRow, Walked, Walker, blocks, made_once
 from romgrl.stages.conditioned.cells import CommandCells
 
 CELLS_PART = 0
 """Of the evaluation, `Walker.block`."""
 NULL_WALKERS = ("sinusoid", "statue")
-TableRow = dict[str, Any]
 
 
 @dataclass(frozen=True)
