@@ -11,12 +11,12 @@ from romgrl.config.commanded import (
     USUAL_STIFFNESS,
     conditioned_keys,
     is_conditioned,
-    is_taught,
     needs_library,
 )
 from romgrl.config.schema import Config
 from romgrl.config.values import refusal, show, value_of
 from romgrl.errors import ConfigurationError, RomgrlError
+from romgrl.provenance.taught_cells import is_taught
 
 FOLLOWED = ("teacher", "reference", "library", "student", "baseline", *GRID_STAGES, "export", "watch", "sync")
 """The values of `stage` that a conditioned student has."""

@@ -14,12 +14,8 @@ if TYPE_CHECKING:
 CONDITIONED = "conditioned"
 USUAL_STIFFNESS = 1.0
 """Share of a leg's stiffness at which a cell of a library is taught."""
-EPISODE_SECONDS = 10.0
-"""Of an episode at a cell of the grid of commands, when a student is evaluated."""
 GRID_STAGES = ("evaluation", "report", "all")
 """Values of `stage` that evaluate a student over the grid of commands, or need that."""
-MULTIPLE_SLACK = 1e-6
-"""Of a speed, in steps, by which it may miss a multiple."""
 
 
 @dataclass
@@ -94,8 +90,3 @@ def needs_library(config: Config) -> bool:
     """Tell whether the stage that is asked for is a library, or reads one that is not taken from the package."""
     reads = is_conditioned(config) and config.stage in READ_LIBRARY and not config.student.pretrained
     return config.stage == "library" or reads
-
-
-def is_taught(speed: float, step: float | None) -> bool:
-    """Tell whether a speed is a multiple of `student.taught_step`, m/s."""
-    return step is None or abs(speed / step - round(speed / step)) <= MULTIPLE_SLACK

@@ -12,13 +12,15 @@ from typing import NamedTuple
 import pandas as pd
 
 from romgrl.artifacts import Manifest, open_artifact, save_arrays, write_bytes, write_manifest
-from romgrl.config.commanded import CONDITIONED, USUAL_STIFFNESS
+from romgrl.config.commanded import CONDITIONED
 from romgrl.config.schema import Config
 from romgrl.errors import ArtifactError
 from romgrl.pretrained.card import card_versions, training_settings
+from romgrl.provenance.kept_check import kept_check, worst_fifth
 from romgrl.provenance.shipped import CONDITIONED_STAGES
 from romgrl.provenance.stage_graph import STAGES
 from romgrl.provenance.stage_keys import stage_settings
+from romgrl.provenance.taught_cells import can_teach
 from romgrl.report.finished_library import RECORDED, read_library
 from romgrl.report.tables import markdown
 from romgrl.results.evaluation_index import differing, first_reasons, manifest_of, simplified
@@ -143,7 +145,7 @@ def write_cut_library(target: Path, library: Found, config: Config) -> None:
     steps, manifest = config.reference.steps, library.manifest
     whole = read_library(library.place, steps=steps, dt=1.0 / config.humanoid.control_frequency)
     table = whole.table
-    rows = table.index[table.fit & (table.stiffness_share == USUAL_STIFFNESS) & (table.apex_m == 0)]
+    rows = table.index[can_teach(table)]
     arrays = {name: values[rows] if name in RECORDED else values for name, values in whole.arrays.items()}
     target.mkdir()
     table.loc[rows].to_csv(target / "library.csv", index=False)
@@ -206,15 +208,9 @@ def scores(found: dict[str, Found]) -> str:
     if not path.is_file():
         return "Nothing: it was not evaluated, and not checked while it was trained (`student.check_steps=0`).\n"
     checks = pd.read_csv(path)
-    worst = checks.groupby("step").shortfall.apply(
-        lambda values: values.nlargest(max(1, round(0.2 * len(values)))).mean()
-    )
-    kept = (
-        checks.step.iloc[-1]
-        if found["student"].manifest.config.get("student.kept_policy") == "last"
-        else worst.idxmin()
-    )
+    scores_by_step = checks.groupby("step").shortfall.agg(lambda shortfalls: worst_fifth(shortfalls.tolist()))
+    kept = kept_check(scores_by_step.tolist(), str(found["student"].manifest.config.get("student.kept_policy")))
     text = (
         "Not evaluated yet. What the training saw of the policy that it kept, by which it chose it: too good by that.\n"
     )
-    return f"{text}\n{markdown(checks[checks.step == kept].drop(columns='step'))}"
+    return f"{text}\n{markdown(checks[checks.step == scores_by_step.index[kept]].drop(columns='step'))}"

@@ -54,6 +54,17 @@ class GridTables:
         """The student's rows of the grid, by gait and speed."""
         return rows_of(self.grid, "student")
 
+    @property
+    def seen_percent(self) -> Floats:
+        """Of the episodes that are asked for a gait (rows), those of each gait (columns)."""
+        counts = self.confusion.to_numpy(float)
+        return np.asarray(100.0 * counts / np.maximum(counts.sum(axis=1, keepdims=True), 1.0))
+
+    @property
+    def distances(self) -> Floats:
+        """mmd.csv as it is drawn: an estimate of a square may be below zero."""
+        return np.asarray(np.maximum(self.mmd.to_numpy(float), 0.0))
+
 
 @dataclass(frozen=True)
 class GridLine:

@@ -92,15 +92,13 @@ def matrices_figure(tables: GridTables) -> Figure:
     side = max(3.6, 0.24 * len(tables.mmd) + 1.6)
     figure = new_figure(3.8 + side, side)
     left, right = figure.subplots(1, 2, width_ratios=(3.4, side))
-    totals = tables.confusion.sum(axis=1).to_numpy(float)[:, None]
-    shares = 100.0 * tables.confusion.to_numpy(float) / np.maximum(totals, 1.0)
+    shares = tables.seen_percent
     draw_matrix(left, tables.confusion, shares, "gait seen [% of episodes]", most=100.0)
     for (row, column), share in np.ndenumerate(shares):
         left.text(
             column, row, f"{share:.0f}", ha="center", va="center", color="white" if share < 60 else "black", fontsize=8
         )
-    values = np.maximum(tables.mmd.to_numpy(float), 0.0)
-    draw_matrix(right, tables.mmd, values, "distance from each reference (MMD²)", most=None)
+    draw_matrix(right, tables.mmd, tables.distances, "distance from each reference (MMD²)", most=None)
     least = row_minima(tables.mmd)
     right.plot(least, np.arange(len(least)), "o", ms=4, color="white", markeredgecolor="black")
     right.tick_params(axis="x", labelrotation=90)

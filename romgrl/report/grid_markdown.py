@@ -9,6 +9,7 @@ import pandas as pd
 
 from romgrl.gait.measures import MEASURES
 from romgrl.report.command_grid import ERROR, GRID_MEASURES, GridTables, Verdict, measured_text, verdicts
+from romgrl.report.cost_over_speed import cost_over_speed
 from romgrl.report.grid_tables import WALKER_ORDER
 from romgrl.report.numbers import significant
 from romgrl.report.ramp_strides import RampStrides
@@ -78,17 +79,15 @@ def cost_said(tables: GridTables) -> str:
 
 
 def cost_of_gait(gait: str, rows: pd.DataFrame) -> str:
-    """In a sentence, over the cells in which no episode falls; nothing where these are too few."""
-    known = rows[np.isfinite(rows.cost_of_transport) & (rows.falls == 0)].sort_values("speed_m_per_s")
-    if len(known) < FEWEST_COSTS:
+    """In a sentence; nothing where too few cells count."""
+    speeds, costs = cost = cost_over_speed(rows)
+    if len(costs) < FEWEST_COSTS:
         return ""
-    own, speeds = known.cost_of_transport.to_numpy(float), known.speed_m_per_s.to_numpy(float)
-    least = int(own.argmin())
-    ends = [100.0 * (own[end] / own[least] - 1.0) for end in (0, -1)]
-    shape = "a U over speed" if 0 < least < len(own) - 1 else "no U over speed"
+    ends = [100.0 * (costs[end] / costs[cost.cheapest] - 1.0) for end in (0, -1)]
     return (
-        f"Cost of transport of its {gait}: {shape}, least at {speeds[least]:g} m/s, {ends[0]:.0f} % more at "
-        f"{speeds[0]:g} and {ends[1]:.0f} % more at {speeds[-1]:g} m/s."
+        f"Cost of transport of its {gait}: {'a' if cost.is_u else 'no'} U over speed, least at "
+        f"{speeds[cost.cheapest]:g} m/s, {ends[0]:.0f} % more at {speeds[0]:g} and {ends[1]:.0f} % more at "
+        f"{speeds[-1]:g} m/s."
     )
 
 

@@ -92,10 +92,7 @@ def ramp_strides(arrays: Mapping[str, NDArray[Any]]) -> RampStrides:
         starts=dt * np.array(steps, float),
         cadence=np.array([1.0 / (dt * (stop - start)) for start, stop in pairs]),
         duty=np.array([contact[start:stop].mean() for start, stop in pairs]),
-        gaits=[
-            gait_of_stride(contact[start:stop], right[(right >= start) & (right < stop)] - start)
-            for start, stop in pairs
-        ],
+        gaits=[gait_of_stride(contact[start:stop], landed_within(right, start, stop)) for start, stop in pairs],
         upright=upright,
     )
 

@@ -12,6 +12,7 @@ from romgrl.artifacts.payload import reading
 from romgrl.errors import ArtifactError
 
 SPECIALIST_COLUMNS = ("walker", "target_speed_m_per_s", "error_over_variance", "falls", "episodes")
+SPEED_DIGITS = 6  # of its speed and that of its cell, which are multiples of steps
 
 
 class Specialist(NamedTuple):

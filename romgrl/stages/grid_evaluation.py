@@ -11,19 +11,20 @@ import pandas as pd
 
 from romgrl.artifacts import save_arrays
 from romgrl.artifacts.checkpoint import CHECKPOINT
-from romgrl.config.commanded import EPISODE_SECONDS, conditioned_keys
+from romgrl.config.commanded import conditioned_keys
 from romgrl.config.schema import Config
 from romgrl.gait.alignment import last_windows
 from romgrl.gait.distances import scale_of
 from romgrl.gait.features import Floats
 from romgrl.gait.gait_classes import CLASSES, OF_NO_GAIT
 from romgrl.gait.mmd import mmd_to_each
+from romgrl.provenance.grid_episodes import EPISODE_SECONDS
 from romgrl.report.specialists import read_specialist
 from romgrl.runtime.stage_log import StageLog
-from romgrl.stages.conditioned.asked_episodes import Arrays, Walker, command_table
+from romgrl.stages.conditioned.asked_episodes import Arrays, TableRow, Walker, command_table
 from romgrl.stages.conditioned.cells import read_command_cells
-from romgrl.stages.conditioned.grid_cells import GridCells, TableRow, walk_cells
-from romgrl.stages.conditioned.grid_summary import grid_results, with_specialists
+from romgrl.stages.conditioned.grid_cells import GridCells, walk_cells
+from romgrl.stages.conditioned.grid_summary import grid_results, specialist_numbers, with_specialists
 from romgrl.stages.conditioned.transitions import (
     AFTER,
     BEFORE,
@@ -87,7 +88,7 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
         "mmd": STANDARDISED,
         "kept_by": KEPT_BY,
     }
-    found["specialists"] = [each._asdict() for each in specialists]
+    found["specialists"] = specialist_numbers(specialists)
     (output / "grid.json").write_text(json.dumps(found, indent=1, allow_nan=False) + "\n", encoding="utf-8")
     log.message(f"{found['reached']} of {len(found['bars'])} bars reached; {KEPT_BY}")
 

@@ -9,8 +9,8 @@ from playwright.sync_api import Browser, Page
 
 from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import grid_report
-from tests.browser.conftest import SCREENSHOTS, SCROLL, watch
-from tests.browser.test_library import DRAWN, PAINTED, RING
+from tests.browser.cell_pages import DRAWN, PAINTED, RING, WINDOWS, take_picture
+from tests.browser.conftest import SCROLL
 from tests.conftest import Composer
 from tests.helpers.commanded import commanded
 from tests.helpers.synthetic_grid import FALLS, write_grid
@@ -102,19 +102,6 @@ def test_rings_and_clicks(opened: Page) -> None:
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-@pytest.mark.parametrize(("name", "width", "height"), [("phone", 390, 844), ("desktop", 1400, 900)])
-def test_pictures(browser: Browser, page_file: Path, scheme: str, name: str, width: int, height: int) -> None:
-    context = browser.new_context(
-        viewport={"width": width, "height": height}, color_scheme=scheme, has_touch=name == "phone"
-    )
-    page = context.new_page()
-    faults, _ = watch(page)
-    page.goto(page_file.as_uri())
-    page.evaluate(SCROLL)
-    page.wait_for_function(DRAWN)
-    SCREENSHOTS.mkdir(parents=True, exist_ok=True)
-    page.screenshot(path=SCREENSHOTS / f"commands-{name}-{scheme}.png", full_page=True)
-    assert page.evaluate("document.documentElement.scrollWidth") <= width
-    assert page.evaluate(PAINTED) > 500
-    assert faults == []
-    context.close()
+@pytest.mark.parametrize("window", WINDOWS)
+def test_pictures(browser: Browser, page_file: Path, window: str, scheme: str) -> None:
+    take_picture(browser, page_file, "commands", window, scheme)

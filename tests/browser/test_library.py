@@ -9,26 +9,12 @@ import pytest
 from playwright.sync_api import Browser, Page
 
 from romgrl.report.page.library_page import write_library_page
-from tests.browser.conftest import SCREENSHOTS, SCROLL, watch
+from tests.browser.cell_pages import DRAWN, PAINTED, RING, WINDOWS, take_picture
+from tests.browser.conftest import SCROLL
 from tests.helpers.synthetic_library import REASON, synthetic_library
 
 pytestmark = [pytest.mark.slow, pytest.mark.browser]
 
-DRAWN = "() => [...charts.values()].every((chart) => chart.cursors || document.getElementById(chart.key).hidden)"
-PAINTED = """() => {
-  const { width, height } = canvas;
-  const bytes = canvas.getContext("2d").getImageData(0, 0, width, Math.round(height * 0.8)).data;
-  return bytes.filter((value, place) => place % 4 === 3 && value > 0).length;
-}"""  # pixels above the ground
-RING = """(key) => {
-  const chart = charts.get(key);
-  const { xaxis, yaxis } = chart.plot._fullLayout;
-  const ring = chart.plot.querySelector(".cursor").getBoundingClientRect();
-  const box = chart.plot.getBoundingClientRect();
-  const [x, y] = pointAt(Object.keys(chart.cursor)[0], Object.values(chart.cursor)[0]);
-  return Math.hypot(ring.left + ring.width / 2 - box.left - xaxis._offset - xaxis.l2p(x),
-    ring.top + ring.height / 2 - box.top - yaxis._offset - yaxis.l2p(y));
-}"""
 REFUSED = 8  # the cell at 4 m/s, walking, on the softer legs
 
 
@@ -135,20 +121,6 @@ def test_charts_follow_and_a_click_plays_that_cell(opened: Page) -> None:
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-@pytest.mark.parametrize(("name", "width", "height"), [("phone", 390, 844), ("desktop", 1400, 900)])
-def test_pictures(browser: Browser, page_file: Path, scheme: str, name: str, width: int, height: int) -> None:
-    context = browser.new_context(
-        viewport={"width": width, "height": height}, color_scheme=scheme, has_touch=name == "phone"
-    )
-    page = context.new_page()
-    faults, _ = watch(page)
-    page.goto(page_file.as_uri())
-    page.evaluate(SCROLL)
-    page.wait_for_function(DRAWN)
-    page.locator("summary").click()
-    SCREENSHOTS.mkdir(parents=True, exist_ok=True)
-    page.screenshot(path=SCREENSHOTS / f"library-{name}-{scheme}.png", full_page=True)
-    assert page.evaluate("document.documentElement.scrollWidth") <= width
-    assert page.evaluate(PAINTED) > 500
-    assert faults == []
-    context.close()
+@pytest.mark.parametrize("window", WINDOWS)
+def test_pictures(browser: Browser, page_file: Path, window: str, scheme: str) -> None:
+    take_picture(browser, page_file, "library", window, scheme)

@@ -20,8 +20,8 @@ from romgrl.errors import ArtifactError, ConfigurationError
 from romgrl.pipeline import run as pipeline
 from romgrl.pretrained import conditioned
 from romgrl.pretrained.__main__ import main
+from romgrl.provenance import kept_check, stage_graph
 from romgrl.provenance import shipped as what_ships
-from romgrl.provenance import stage_graph
 from romgrl.provenance.stage_keys import stage_settings
 from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import watch
@@ -107,6 +107,14 @@ def test_the_card_has_the_numbers_of_the_policy_that_was_kept(packed: Path) -> N
     assert "run 2 to 4 m/s, walk 1 to 2 m/s" in card
     assert read_manifest(packed / "conditioned" / "student").digest in card
     assert "Not evaluated yet" in card
+
+
+def test_card_and_training_keep_by_the_same_rule(made: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By the mean of all cells it is another check that is the best."""
+    found = {"student": conditioned.artifacts_of(made, "student")[0]}
+    assert "5.5" in conditioned.scores(found)
+    monkeypatch.setattr(kept_check, "WORST", 1.0)
+    assert "7.25" in conditioned.scores(found)
 
 
 def test_tables_of_an_evaluation_take_their_place(made: Path, tmp_path: Path) -> None:

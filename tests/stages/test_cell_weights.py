@@ -12,7 +12,7 @@ import torch
 from romgrl.algorithms.conditioned_rom_grl import ConditionedRomGrl
 from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages.conditioned.cells import CommandCells, read_command_cells
-from romgrl.stages.conditioned.grid_check import GridChecks
+from romgrl.stages.conditioned.grid_check import GridChecks, grid_summary
 from tests.conftest import Composer
 from tests.helpers.command_cells import RUN, WALK, asked, cells
 from tests.helpers.commanded import commanded, small_library
@@ -35,6 +35,13 @@ def test_the_task_weighs_what_its_cells_say_and_all_of_it_to_stand() -> None:
     torch.testing.assert_close(made.task_weight(batch), torch.tensor([[0.3, 0.3, 1.0], [0.3, 0.3, 1.0]]))
     made.etas.copy_(torch.tensor([0.3, 0.5, 0.7, 0.6]))
     torch.testing.assert_close(made.task_weight(batch), torch.tensor([[0.3, 0.4, 1.0], [0.6, 0.6, 1.0]]))
+
+
+def test_a_check_counts_cells_whose_speed_is_held_without_a_fall() -> None:
+    row = RIGHT | {"steady_speed_m_per_s": 2.05, "speed_error_m_per_s": 0.05}
+    off, fell = row | {"speed_error_m_per_s": 0.2, "steady_speed_m_per_s": 2.2}, row | {"falls": 1.0}
+    told = "speed held without a fall in 1 of 3 cells, 1 of 12 episodes fall, error over variance 0.10 in the middle"
+    assert grid_summary([row, off, fell]) == told
 
 
 def test_each_cell_steers_its_own_weight(compose_config: Composer, tmp_path: Path) -> None:

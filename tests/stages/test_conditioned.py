@@ -32,7 +32,7 @@ from romgrl.stages.conditioned import grid_check
 from romgrl.stages.conditioned.cells import CommandCells, read_command_cells
 from romgrl.stages.conditioned.commanded_frames import CommandedFrames, speed_payment
 from romgrl.stages.conditioned.curriculum import Curriculum
-from romgrl.stages.conditioned.grid_check import grid_commands, shortfall, worst_fifth
+from romgrl.stages.conditioned.grid_check import grid_commands, shortfall
 from tests.conftest import Composer
 from tests.helpers.commanded import commanded, small_library
 from tests.helpers.configurations import with_value
@@ -181,9 +181,7 @@ def test_a_neighbour_opens_when_the_edge_is_solved(cells: CommandCells, compose_
     assert whole.ranges.tolist() == cells.ranges.tolist()
 
 
-def test_a_policy_is_judged_by_the_worst_fifth_of_the_grid(cells: CommandCells) -> None:
-    assert worst_fifth([1.0, 5.0, 2.0, 3.0, 9.0, 0.0, 0.0, 0.0, 0.0, 0.0]) == 7.0
-    assert worst_fifth([1.0, 2.0]) == 2.0
+def test_what_a_cell_is_short_of(cells: CommandCells) -> None:
     row = {"falls": 1.0, "speed_error_m_per_s": -0.4, "error_over_variance": 0.5}
     assert shortfall(row, 4.0, imitates=True) == pytest.approx(2.5 + 2.0 + 0.5)
     assert shortfall(row, 1.0, imitates=False) == pytest.approx(2.5 + 4.0)

@@ -22,24 +22,18 @@ from romgrl.gait.gait_classes import classified
 from romgrl.gait.mmd import mmd_test
 from romgrl.humanoid.model import configured, fingerprint
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
+from romgrl.provenance import grid_episodes
+from romgrl.provenance.source_digest import stage_files
 from romgrl.provenance.stage_graph import STAGES, plan
 from romgrl.provenance.stage_keys import stage_function, stage_key, stage_settings
 from romgrl.report.grid_tables import evaluation_metrics, evaluation_tables, grid_names
-from romgrl.report.specialists import Specialist
 from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import grid_evaluation
 from romgrl.stages.conditioned import asked_episodes, grid_cells, transitions
 from romgrl.stages.conditioned.asked_episodes import Asked, blocks, command_table
 from romgrl.stages.conditioned.cells import CommandCells, read_command_cells
 from romgrl.stages.conditioned.grid_cells import GridCells
-from romgrl.stages.conditioned.grid_summary import (
-    bar,
-    cheapest,
-    diagonal_percent,
-    held_out_ratio,
-    least_spearman,
-    with_specialists,
-)
+from romgrl.stages.conditioned.grid_summary import diagonal_percent
 from romgrl.stages.conditioned.transitions import asked_ramp, asked_transitions, ramp_rows, transition_row
 from romgrl.stages.grid_evaluation import matrix_of
 from romgrl.stages.wiring.humanoid import humanoid_env
@@ -241,35 +235,6 @@ def test_the_ramp_is_cut_into_speeds_asked_for(cells: CommandCells) -> None:
     np.testing.assert_allclose(rows.asked_m_per_s[:2], [2.125, 2.375], atol=0.01)
 
 
-def test_numbers_of_the_bars_are_those_of_made_up_tables() -> None:
-    rows = pd.DataFrame(
-        {
-            "walker": "student",
-            "gait": "run",
-            "speed_m_per_s": [2.0, 2.5, 3.0, 3.5],
-            "taught": [True, False, True, False],
-            "error_over_variance": [0.1, 0.3, 0.3, 0.33],
-            "stride_frequency_hz": [1.2, 1.3, 1.25, np.nan],
-            "cost_of_transport": [0.5, 0.4, 0.45, np.nan],
-            "error_over_specialist": np.nan,
-        }
-    )
-    assert held_out_ratio(rows) == pytest.approx(0.3 / 0.2)
-    assert np.isnan(held_out_ratio(rows[rows.taught]))
-    fallen = rows.assign(error_over_variance=[0.1, np.nan, 0.3, 0.33])  # all episodes of one that is not taught
-    assert held_out_ratio(fallen) == np.inf
-    assert least_spearman(rows, "stride_frequency_hz") == pytest.approx(0.5)
-    assert cheapest(rows) == {"run": {"least": 0.4, "at_m_per_s": 2.5, "is_u": True}}
-    beside = with_specialists(rows, [Specialist("run", 3.0, 0.2, 0, 16), Specialist("walk", 2.0, 0.1, 0, 16)])
-    assert beside.error_over_specialist.isna().tolist() == [True, True, False, True]
-    assert beside.error_over_specialist[2] == pytest.approx(1.5)
-    assert diagonal_percent(np.array([[0.1, 0.2], [0.1, 0.2]])) == 50.0
-    assert diagonal_percent(np.array([[0.1, 0.2], [np.nan, np.nan]])) == 50.0
-    reached = [bar("most_falls_percent", {"student": {"most_falls_percent": value}})["reached"] for value in (1.0, 2.0)]
-    assert reached == [True, False]
-    assert bar("most_falls_percent", {"student": {}})["reached"] is None
-
-
 def test_blocks_hold_whole_groups() -> None:
     groups = [Asked((0.0,), (1.0,), ((1.0,),))] * 5
     assert [len(block) for block in blocks(groups, asked_episodes.MOST_STEPS // 2)] == [2, 2, 1]
@@ -288,3 +253,4 @@ def test_the_evaluation_of_a_conditioned_student_has_stage_and_key_of_its_own(co
     same, others = ("speed", 3.0), (("student.taught_step", 0.5), ("evaluation.episodes", 3), ("reference.steps", 900))
     assert stage_key("evaluation", with_value(config, *same), {}) == key
     assert all(stage_key("evaluation", with_value(config, *each), {}) != key for each in others)
+    assert grid_episodes.__name__ in stage_files(stage_function("evaluation", config), drawing=False)

@@ -112,15 +112,16 @@ def add_null_errors(figure: Any, grid: pd.DataFrame) -> None:
 
 def matrix_charts(tables: GridTables) -> list[Chart]:
     """Which gait is seen of those asked for, and how far the student is from the reference of each command."""
-    totals = np.maximum(tables.confusion.sum(axis=1).to_numpy(float), 1.0)[:, None]
-    shares = 100.0 * tables.confusion.to_numpy(float) / totals
     gaits = heat_map(
-        tables.confusion, shares, "gait seen", "%{y} asked, %{x} seen: %{z:.0f} %<extra></extra>", most=100.0
+        tables.confusion,
+        tables.seen_percent,
+        "gait seen",
+        "%{y} asked, %{x} seen: %{z:.0f} %<extra></extra>",
+        most=100.0,
     )
     gaits.update_traces(texttemplate="%{z:.0f}")
-    values = np.maximum(tables.mmd.to_numpy(float), 0.0)
     asked = "%{y} asked, reference of %{x}: %{z:.3f}<extra></extra>"
-    distances = heat_map(tables.mmd, values, "reference of", asked, most=None)
+    distances = heat_map(tables.mmd, tables.distances, "reference of", asked, most=None)
     least = row_minima(tables.mmd)
     known = np.isfinite(least)
     names = [str(name) for name in tables.mmd.columns]

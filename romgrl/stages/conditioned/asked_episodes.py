@@ -23,6 +23,7 @@ from romgrl.stages.wiring.humanoid import humanoid_env
 from romgrl.stages.wiring.seeds import EVALUATION_SEED
 
 Arrays = dict[str, NDArray[Any]]
+TableRow = dict[str, Any]
 MOST_STEPS = 2**17
 """Control steps of all episodes of a block, of some 1 kB each; a block has one group at least."""
 KEPT_OF_EPISODE = ("features", "velocity", "contact")

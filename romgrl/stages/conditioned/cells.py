@@ -13,11 +13,12 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from romgrl.config.commanded import USUAL_STIFFNESS, conditioned_keys, is_taught
+from romgrl.config.commanded import conditioned_keys
 from romgrl.config.schema import Config
 from romgrl.errors import ArtifactError
 from romgrl.gait.features import Gait, episode_bounds, gait_from_reference
 from romgrl.humanoid.cell_states import CellStates
+from romgrl.provenance.taught_cells import can_teach, is_taught
 from romgrl.report.finished_library import read_library
 
 
@@ -80,8 +81,7 @@ def read_command_cells(directory: Path, config: Config, *, span: int) -> Command
     dt = 1.0 / config.humanoid.control_frequency
     library = read_library(directory, steps=config.reference.steps, dt=dt)
     table, step = library.table, conditioned_keys(config.student).taught_step
-    usual = table.fit & (table.stiffness_share == USUAL_STIFFNESS) & (table.apex_m == 0)
-    rows = table[usual].sort_values(["gait", "speed_m_per_s"])
+    rows = table[can_teach(table)].sort_values(["gait", "speed_m_per_s"])
     speeds = rows.speed_m_per_s.to_numpy(float)
     taught = np.array([is_taught(speed, step) for speed in speeds], bool)
     gaits = tuple(sorted({*rows.gait[taught]}))

@@ -6,11 +6,12 @@ import json
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from torch import Tensor
 
+from romgrl.algorithms.commanded_windows import CellWindows
 from romgrl.algorithms.conditioned_discriminator import ConditionedDiscriminator
 from romgrl.algorithms.conditioned_rom_grl import ConditionedRomGrl
 from romgrl.algorithms.discriminator_health import LASTING_ROWS, WATCHED, diagnose
@@ -28,6 +29,42 @@ NEWEST = 8192
 """Steps that a review looks back on."""
 FEWEST_WINDOWS = 64
 """Of a band: with less, nothing is said of it."""
+
+
+class SpeedBand(NamedTuple):
+    """Speeds of a gait from `low` to `high`, m/s; the last one of a gait has its end, which many commands are."""
+
+    gait: int
+    low: float
+    last: bool
+
+    @property
+    def high(self) -> float:
+        """m/s."""
+        return self.low + SPEED_BAND
+
+    def has(self, gait: Tensor, speed: Tensor) -> Tensor:
+        """Which gaits and speeds (N,) that are asked for lie in it."""
+        return (gait == self.gait) & (speed >= self.low) & ((speed < self.high) | self.last)
+
+    def among(self, cells: CellWindows) -> Tensor:
+        """Which cells (C,) its commands lie between: those at both of its ends, too."""
+        return (cells.gait == self.gait) & (cells.speed >= self.low) & (cells.speed <= self.high)
+
+    def task_weight(self, learner: ConditionedRomGrl) -> float:
+        """Mean weight of the task at its cells; at all of them where it has none."""
+        among = None if learner.cells is None else self.among(learner.cells)
+        return learner.eta if among is None or not bool(among.any()) else float(learner.etas[among].mean())
+
+
+def speed_bands(ranges: Array) -> list[SpeedBand]:
+    """Of the range (2,) of each gait (G, 2), m/s."""
+    found = []
+    for gait, (slowest, fastest) in enumerate(ranges.tolist()):
+        first = np.floor(slowest)
+        lows = np.arange(first, max(fastest, first + SPEED_BAND), SPEED_BAND).tolist()
+        found += [SpeedBand(gait, low, low == lows[-1]) for low in lows]
+    return found
 
 
 class CommandWatch:
@@ -48,11 +85,7 @@ class CommandWatch:
     ) -> None:
         self.curriculum, self._learner, self._log = curriculum, learner, log
         self._config, self._path, self._cells = config, output / BANDS_FILE, cells
-        self.bands = [
-            (gait, low)
-            for gait, ends in enumerate(cells.ranges)
-            for low in np.arange(np.floor(ends[0]), max(ends[1], np.floor(ends[0]) + SPEED_BAND), SPEED_BAND).tolist()
-        ]
+        self.bands = speed_bands(cells.ranges)
         self._rows: list[list[dict[str, float]]] = [[] for _ in self.bands]
 
     def take(self, info: Mapping[str, Any]) -> None:
@@ -96,38 +129,39 @@ class CommandWatch:
         columns, cells, found = discriminator.columns, discriminator.cells, dict[str, float]()
         gait, speed = columns.gait(windows), columns.speed(windows)
         pay = learner.relabelling.paid(windows[:, -1], speed)
-        for number, (of, low) in enumerate(self.bands):
-            inside = (gait == of) & (speed >= low) & (speed < low + SPEED_BAND) & cells.taught(windows)
-            among = (cells.gait == of) & (cells.speed >= low) & (cells.speed <= low + SPEED_BAND)
+        for number, band in enumerate(self.bands):
+            inside, among = band.has(gait, speed) & cells.taught(windows), band.among(cells)
             if int(inside.sum()) < FEWEST_WINDOWS or not bool(among.any()):
                 continue
             values = discriminator.measures_of(windows[inside], among)
             if not values:
                 continue
             task, imitation = float(pay[inside].mean()), float(rewards[inside].mean())
-            total = learner.eta * task + (1 - learner.eta) * imitation
+            eta = band.task_weight(learner)
+            total = eta * task + (1 - eta) * imitation
             values |= discriminator.accuracies_of(windows[inside], among)
             values |= {
                 "imitation_reward": imitation,
-                "imitation_share": (1 - learner.eta) * imitation / max(total, 1e-6),
+                "imitation_share": (1 - eta) * imitation / max(total, 1e-6),
                 "speed": float(windows[inside][:, -1].mean()),
             }
             self._rows[number].append({"step": float(step)} | {name: values[name] for name in WATCHED})
             del self._rows[number][:-LASTING_ROWS]
-            band = f"{self._cells.gaits[of]}_{low:g}_{low + SPEED_BAND:g}"
+            name = f"{self._cells.gaits[band.gait]}_{band.low:g}_{band.high:g}"
             told = ("imitation_reward", "discriminator_feature_gap", "speed")
-            found |= {f"{name}/{band}": values[name] for name in told} | {f"speed_reward/{band}": task}
+            found |= {f"{each}/{name}": values[each] for each in told} | {f"speed_reward/{name}": task}
         self.write()
         return found
 
     def write(self) -> None:
         """BANDS_FILE: verdict and evidence of each band, over the last rows."""
         document = {}
-        for (of, low), rows in zip(self.bands, self._rows, strict=True):
-            setting = replace(health_setting(self._config), speed=low + 0.5 * SPEED_BAND, eta=self._learner.eta)
+        for band, rows in zip(self.bands, self._rows, strict=True):
+            middle, eta = band.low + 0.5 * SPEED_BAND, band.task_weight(self._learner)
+            setting = replace(health_setting(self._config), speed=middle, eta=eta)
             now = diagnose(rows, setting)
             verdict = ", ".join(each.name for each in now) or ("healthy" if len(rows) >= LASTING_ROWS else TOO_SHORT)
-            name = f"{self._cells.gaits[of]} from {low:g} to {low + SPEED_BAND:g} m/s"
+            name = f"{self._cells.gaits[band.gait]} from {band.low:g} to {band.high:g} m/s"
             document[name] = {"verdict": verdict, "now": [each._asdict() for each in now]}
         self._path.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
 

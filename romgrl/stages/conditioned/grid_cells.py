@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from romgrl.config.commanded import EPISODE_SECONDS
 from romgrl.gait.alignment import error_over_variance, last_windows
 from romgrl.gait.command_following import speed_tolerance
 from romgrl.gait.features import Floats, Gait
@@ -20,13 +19,13 @@ from romgrl.gait.gait_classes import CLASSES, OF_NO_GAIT, classified
 from romgrl.gait.human_bands import COMPARED_WITH, outside
 from romgrl.gait.metrics import ENERGY_MEASURES, describe
 from romgrl.gait.null_models import null_models
-from romgrl.stages.conditioned.asked_episodes import Arrays, Asked, Walked, Walker, blocks, made_once
+from romgrl.provenance.grid_episodes import EPISODE_SECONDS
+from romgrl.stages.conditioned.asked_episodes import Arrays, Asked, TableRow, Walked, Walker, blocks, made_once
 from romgrl.stages.conditioned.cells import CommandCells
 
 CELLS_PART = 0
 """Of the evaluation, `Walker.block`."""
 NULL_WALKERS = ("sinusoid", "statue")
-TableRow = dict[str, Any]
 
 
 @dataclass(frozen=True)

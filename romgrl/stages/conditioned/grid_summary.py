@@ -12,14 +12,14 @@ from scipy.stats import spearmanr
 
 from romgrl.gait.command_following import switching_speed
 from romgrl.gait.features import Floats
+from romgrl.report.cost_over_speed import cost_over_speed
 from romgrl.report.grid_tables import BARS
-from romgrl.report.specialists import Specialist
+from romgrl.report.specialists import SPEED_DIGITS, Specialist
 from romgrl.stages.conditioned.grid_cells import GridCells
 from romgrl.stages.conditioned.transitions import Ramp
 
 HUMAN_SWITCH = (1.9, 3.0)
 """m/s: where people change from walk to run and back (arXiv 2501.00720)."""
-SPEED_DIGITS = 6
 WalkerNumbers = dict[str, float]
 
 
@@ -59,7 +59,7 @@ def grid_results(
         "ramp": {name: ramp_numbers(ramp[ramp.walker == name], asked) for name in ("student", "baseline")},
         "ramp_gaits": list(asked.gaits),
         "human_switch_m_per_s": list(HUMAN_SWITCH),
-        "cost_of_transport": {name: cheapest(table[table.walker == name]) for name in ("student", "teacher")},
+        "cost_of_transport": {name: cheapest_speeds(table[table.walker == name]) for name in ("student", "teacher")},
     }
 
 
@@ -108,7 +108,7 @@ def ramp_falls(rows: pd.DataFrame) -> float:
 
 def held_out_ratio(rows: pd.DataFrame) -> float:
     """The largest error of a cell that is not taught over the mean of the taught ones next to it; nan without any, inf
-    where one of them has no error, since all fall."""
+    where it or one next to it has no error, since all its episodes fall."""
     ratios = []
     for _, own in rows.groupby("gait"):
         ordered = own.sort_values("speed_m_per_s")
@@ -116,7 +116,7 @@ def held_out_ratio(rows: pd.DataFrame) -> float:
         for _, row in ordered[~ordered.taught.astype(bool)].iterrows():
             near = [taught[taught.speed_m_per_s < row.speed_m_per_s].tail(1)]
             near.append(taught[taught.speed_m_per_s > row.speed_m_per_s].head(1))
-            ratio = float(row.error_over_variance / pd.concat(near).error_over_variance.mean())
+            ratio = float(row.error_over_variance / pd.concat(near).error_over_variance.mean(skipna=False))
             ratios.append(ratio if math.isfinite(ratio) else math.inf)
     return max(ratios, default=math.nan)
 
@@ -146,27 +146,31 @@ def ramp_numbers(rows: pd.DataFrame, asked: Ramp) -> dict[str, float | None]:
     return {name: known(value) for name, value in found.items()}
 
 
-def cheapest(rows: pd.DataFrame) -> dict[str, dict[str, Any]]:
+def cheapest_speeds(rows: pd.DataFrame) -> dict[str, dict[str, Any]]:
     """Of each gait the speed of the least cost of transport, and whether it costs more at both ends: a U."""
     found = {}
     for gait, own in rows.groupby("gait"):
-        ordered = own[own.cost_of_transport.notna()].sort_values("speed_m_per_s")
-        if len(ordered):
-            place = int(ordered.cost_of_transport.to_numpy().argmin())
-            found[str(gait)] = {
-                "least": float(ordered.cost_of_transport.iloc[place]),
-                "at_m_per_s": float(ordered.speed_m_per_s.iloc[place]),
-                "is_u": 0 < place < len(ordered) - 1,
-            }
+        cost = cost_over_speed(own)
+        if len(cost.costs):
+            least, at = float(cost.costs[cost.cheapest]), float(cost.speeds[cost.cheapest])
+            found[str(gait)] = {"least": least, "at_m_per_s": at, "is_u": cost.is_u}
     return found
 
 
+def specialist_numbers(specialists: Sequence[Specialist]) -> list[dict[str, Any]]:
+    """As grid.json has them: one that falls in all its episodes has no error."""
+    entries = [each._asdict() for each in specialists]
+    return [{name: known(v) if isinstance(v, float) else v for name, v in entry.items()} for entry in entries]
+
+
 def with_specialists(table: pd.DataFrame, specialists: Sequence[Specialist]) -> pd.DataFrame:
-    """The same with `error_over_specialist` at the cells of specialists that have an error."""
+    """The same with `error_over_specialist` at the cells of specialists that have an error; inf where a walker falls in
+    all its episodes, and has none."""
     table = table.copy()
     for each in specialists:
         same = (table.gait == each.gait) & (table.speed_m_per_s.round(SPEED_DIGITS) == round(each.speed, SPEED_DIGITS))
         mine = same & table.walker.isin(("student", "baseline"))
         if each.error > 0:
-            table.loc[mine, "error_over_specialist"] = table.loc[mine, "error_over_variance"] / each.error
+            over = table.loc[mine, "error_over_variance"] / each.error
+            table.loc[mine, "error_over_specialist"] = over.fillna(math.inf)
     return table

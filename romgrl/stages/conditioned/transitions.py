@@ -15,7 +15,7 @@ from romgrl.gait.features import Bools, Floats, Gait
 from romgrl.gait.gait_classes import classified
 from romgrl.gait.human_bands import ON_TWO_FEET
 from romgrl.gait.metrics import SETTLING_TIME, describe
-from romgrl.stages.conditioned.asked_episodes import Arrays, Asked, Walker, blocks, made_once
+from romgrl.stages.conditioned.asked_episodes import Arrays, Asked, TableRow, Walker, blocks, made_once
 from romgrl.stages.conditioned.cells import CommandCells
 
 BEFORE, AFTER = 5.0, 10.0
@@ -31,7 +31,6 @@ BIN = 0.25
 """Of asked speeds along the ramp, m/s."""
 STEP_PART, RAMP_PART = 1, 2
 """Of the evaluation, `Walker.block`."""
-TableRow = dict[str, Any]
 
 
 class Command(NamedTuple):
