@@ -103,8 +103,9 @@ def speed_begun_with(config: Config) -> Iterator[str]:
 
     student = conditioned_keys(config.student)
     try:
-        cells = [(gait, speed) for gait, speed in usual_cells(config) if is_taught(speed, student.taught_step)]
-        if cells:
+        usual = usual_cells(config)
+        taught = {gait for gait, speed in usual if is_taught(speed, student.taught_step)}
+        if cells := [cell for cell in usual if cell[0] in taught]:
             CommandLimits.of(cells, student.standing_share).begun(config.speed, config.teacher.gait)
     except ConfigurationError as error:
         yield str(error)

@@ -59,8 +59,8 @@ class ConditionedStudent(Student):
         "all references together"
     )
     taught_step: float | None = key(
-        "references are taught at multiples of this speed alone, and the others are left out and only checked; null: "
-        "all that are fit",
+        "references are taught at multiples of this speed alone; the others are never shown, only checked, though "
+        "their speeds are asked for; null: all that are fit are taught",
         unit="m/s",
         above=0,
         high=10,

@@ -123,7 +123,7 @@ def test_fit_cells_of_the_usual_stiffness_are_taught(
     ]
     assert cells.ranges.tolist() == [[2.0, 4.0], [1.0, 2.0]]
     left_out = read_command_cells(library, commanded(compose_config, "student.taught_step=2"), span=4)
-    assert (left_out.taught.tolist(), left_out.ranges.tolist()) == ([True, False, True, False, True], [[2, 4], [2, 2]])
+    assert (left_out.taught.tolist(), left_out.ranges.tolist()) == ([True, False, True, False, True], [[2, 4], [1, 2]])
     with pytest.raises(ArtifactError, match="no cell at multiples of 9 m/s is fit"):
         read_command_cells(library, commanded(compose_config, "student.taught_step=9"), span=4)
     with pytest.raises(ArtifactError, match=r"run at 2 m/s: 120 steps in a row; needed: 999"):

@@ -43,6 +43,7 @@ def test_numbers_of_the_bars_are_those_of_made_up_tables() -> None:
     assert held_out_ratio(fallen) == np.inf
     assert held_out_ratio(rows.assign(error_over_variance=[np.nan, 0.3, 0.3, 0.33])) == np.inf  # of one next to it
     assert least_spearman(rows, "stride_frequency_hz") == pytest.approx(0.5)
+    assert least_spearman(rows.assign(stride_frequency_hz=1.2), "stride_frequency_hz") == 0.0
     assert cheapest_speeds(rows) == {"run": {"least": 0.4, "at_m_per_s": 2.5, "is_u": True}}
     assert not cheapest_speeds(rows.assign(falls=[0, 0, 1, 0]))["run"]["is_u"]  # a fall is no end of a U
     beside = with_specialists(rows, [Specialist("run", 3.0, 0.2, 0, 16), Specialist("walk", 2.0, 0.1, 0, 16)])

@@ -11,10 +11,10 @@ from romgrl.stages.conditioned.cells import read_command_cells
 
 
 def read_command_limits(library: Path, config: Config) -> CommandLimits:
-    """The speeds of the cells that were taught. Raises ArtifactError for a library that can teach nothing."""
+    """The speeds of its cells. Raises ArtifactError for a library that can teach nothing."""
     cells = read_command_cells(library, config, span=1)
-    taught = ((cells.gaits[cells.gait[cell]], float(cells.speed[cell])) for cell in cells.taught_cells)
-    return CommandLimits.of(taught, conditioned_keys(config.student).standing_share)
+    asked = ((cells.gaits[gait], float(speed)) for gait, speed in zip(cells.gait, cells.speed, strict=True))
+    return CommandLimits.of(asked, conditioned_keys(config.student).standing_share)
 
 
 def first_command(limits: CommandLimits, config: Config) -> AskedCommand:

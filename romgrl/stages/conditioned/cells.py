@@ -48,8 +48,8 @@ class CommandCells:
 
     @cached_property
     def ranges(self) -> NDArray[np.float64]:
-        """Slowest and fastest speed of each gait that is taught (G, 2), m/s."""
-        of_gait = [self.speed[self.taught & (self.gait == number)] for number in range(len(self.gaits))]
+        """Slowest and fastest speed that each gait is asked for (G, 2), m/s, its references taught or not."""
+        of_gait = [self.speed[self.gait == number] for number in range(len(self.gaits))]
         return np.array([(speeds.min(), speeds.max()) for speeds in of_gait])
 
     @property

@@ -19,6 +19,7 @@ from romgrl.config.schema import Config
 from romgrl.gait.alignment import error_over_variance
 from romgrl.gait.command_following import speed_tolerance
 from romgrl.gait.features import Gait
+from romgrl.gait.footfall import FOOTFALLS
 from romgrl.gait.gait_classes import episode
 from romgrl.gait.metrics import describe
 from romgrl.gait.recording import record
@@ -102,7 +103,8 @@ class GridChecks:
     def measure(self, cell: int, gait: Gait) -> dict[str, float]:
         """A row of checks.csv, of the episodes of a cell."""
         speed, teacher = float(self.cells.speed[cell]), self.cells.teacher(cell)
-        found, taught = describe(gait, target_speed=speed), describe(teacher, target_speed=speed)
+        hops = FOOTFALLS[self.cells.gaits[self.cells.gait[cell]]].together
+        found, taught = (describe(each, target_speed=speed, hops=hops) for each in (gait, teacher))
         held = found["steady_speed_m_per_s"]
         row = {
             "cell": float(cell),

@@ -122,12 +122,14 @@ def held_out_ratio(rows: pd.DataFrame) -> float:
 
 
 def least_spearman(rows: pd.DataFrame, column: str) -> float:
-    """Rank correlation of a column with speed, the least of the gaits that have three known cells and more."""
+    """Rank correlation of a column with speed, the least of the gaits that have three known cells and more; 0 of one
+    that is the same in all."""
     found = []
     for _, own in rows.groupby("gait"):
         there = own[own[column].notna()]
-        if len(there) > 2 and there[column].nunique() > 1:
-            found.append(float(spearmanr(there.speed_m_per_s, there[column]).statistic))
+        if len(there) > 2:
+            varies = there[column].nunique() > 1
+            found.append(float(spearmanr(there.speed_m_per_s, there[column]).statistic) if varies else 0.0)
     return min(found) if found else math.nan
 
 

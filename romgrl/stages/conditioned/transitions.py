@@ -12,6 +12,7 @@ import numpy as np
 
 from romgrl.gait.command_following import overshoot, running_mean, settling_time, strides
 from romgrl.gait.features import Bools, Floats, Gait
+from romgrl.gait.footfall import FOOTFALLS
 from romgrl.gait.gait_classes import classified
 from romgrl.gait.human_bands import ON_TWO_FEET
 from romgrl.gait.metrics import SETTLING_TIME, describe
@@ -54,7 +55,7 @@ class Transition(NamedTuple):
 
 
 def asked_transitions(cells: CommandCells, *, standing: bool) -> list[Transition]:
-    """The steps that the taught speeds of a library permit, each once; `standing`: it is asked for in the training."""
+    """The steps that the speeds of a library permit, each once; `standing`: it is asked for in the training."""
     slow, fast = (command_near(cells, speed) for speed in (SLOW, FAST))
     found = [Transition(slow, fast), Transition(fast, slow)]
     if {*ON_TWO_FEET} <= {*cells.gaits}:
@@ -75,7 +76,7 @@ def command_near(cells: CommandCells, speed: float) -> Command:
 
 
 def clipped(cells: CommandCells, gait: str, speed: float) -> float:
-    """A speed within what is taught of a gait, m/s."""
+    """A speed within what is asked of a gait, m/s."""
     low, high = cells.ranges[cells.gaits.index(gait)]
     return float(np.clip(speed, low, high))
 
@@ -149,7 +150,8 @@ def steps_of_stride(cells: CommandCells, asked: Command) -> int:
     number = cells.gaits.index(asked.gait)
     mine = np.flatnonzero(cells.gait == number)
     cell = int(mine[np.abs(cells.speed[mine] - asked.speed).argmin()])
-    rate = describe(cells.teacher(cell), target_speed=asked.speed)["stride_frequency_hz"]
+    together = FOOTFALLS[asked.gait].together
+    rate = describe(cells.teacher(cell), target_speed=asked.speed, hops=together)["stride_frequency_hz"]
     return max(1, round(1.0 / ((rate if rate > 0 else 1.0) * cells.dt)))
 
 
