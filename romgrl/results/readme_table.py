@@ -18,6 +18,7 @@ from romgrl.results.against_student import FAIR, by_walker, walkers_table, with_
 from romgrl.results.results_document import CLAIMED, FinishedSweeps
 from romgrl.results.seed_groups import CHOSEN, HELD_OUT, group_of
 from romgrl.results.sweep_cells import SEED_KEY, JobResult, by_cell, headline_jobs, note, number_row
+from romgrl.results.sweep_record import settings
 from romgrl.results.sweep_tables import TABLE_COLUMNS, written
 from romgrl.results.text_table import BRACKETS
 
@@ -42,6 +43,8 @@ OTHER_SETTINGS = (
     "variable_walking",
     "hopping",
 )  # sweeps of students that are not the default's, by their names in sweeps/
+NOT_NAMED = (SEED_KEY, "humanoid.xml")
+"""Settings of a job that its row does not name: the seed has a column, the file is the sweep."""
 OTHER_NUMBERS = (
     "student/error_over_variance",
     "student/falls_percent",
@@ -122,8 +125,9 @@ def others_table(found: FinishedSweeps) -> list[str]:
     rows = []
     for sweep, finished in found:
         for cell in by_cell(headline_jobs(finished if sweep.name in OTHER_SETTINGS else [])):
-            varied = (f"{key}={value}" for key, value in cell[0].swept.items() if key != SEED_KEY)
-            row = {"settings": ", ".join([sweep.name, *varied])}
+            of = settings(cell[0].end.overrides) | cell[0].swept
+            named = [f"{key}={value}" for key, value in of.items() if key not in NOT_NAMED]
+            row = {"settings": ", ".join([sweep.name, *named, *([f"on {sweep.on}"] if sweep.on else [])])}
             row["seeds"] = ", ".join(sorted(str(each.seed) for each in cell))
             for name in OTHER_NUMBERS:
                 numbers = number_row(cell, name, "")
