@@ -108,9 +108,9 @@ def test_an_evaluation_writes_every_table_and_goes_on_where_it_was_left(
     assert counts.loc[("teacher", "run"), "run"] == 6
     assert tables["mmd.csv"].columns.tolist() == ["student", "run 2", "run 3", "run 4", "walk 1", "walk 2"]
     assert np.isfinite(tables["mmd.csv"].iloc[:, 1:]).all(axis=None)
-    asked = ["walk 2 -> run 4", "run 4 -> walk 2", "walk 2 -> run 2", "run 2 -> walk 2", "stand -> walk 2"]
+    asked = ["walk 1 -> run 4", "run 4 -> walk 1", "walk 2 -> run 2", "run 2 -> walk 2", "stand -> walk 1"]
     assert tables["transitions.csv"].transition.tolist() == asked * 2
-    assert tables["ramp.csv"].groupby(["walker", "direction"]).asked_m_per_s.mean().round(1).tolist() == [3.0] * 4
+    assert tables["ramp.csv"].groupby(["walker", "direction"]).asked_m_per_s.mean().round(1).tolist() == [2.5] * 4
     recorded = load_arrays(tmp_path / "whole" / "recordings.npz")
     shapes = {name: values.shape for name, values in recorded.items()}
     states = shapes["cell_states"][-1]
