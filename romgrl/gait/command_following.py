@@ -8,9 +8,10 @@ from typing import NamedTuple
 import numpy as np
 
 from romgrl.gait.features import Bools, Floats
-from romgrl.gait.gait_classes import RUNS_BELOW
 from romgrl.gait.metrics import touchdowns
 
+RUNS_BELOW = 0.5
+"""Duty factor below which a stride is one of a run (Alexander 1989); whole episodes: `romgrl.gait.gait_classes`."""
 LEAST_TOLERANCE, TOLERANCE = 0.1, 0.05
 """A speed is held within so many m/s, or this share of it where that is more."""
 

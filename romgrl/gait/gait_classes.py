@@ -27,8 +27,6 @@ from romgrl.gait.metrics import (
 OF_NO_GAIT = "none"
 CLASSES = ("walk", "run", "hop", "skip")
 """Gaits that are told apart: a jump is a hop that is asked for a height."""
-RUNS_BELOW = 0.5
-"""Duty factor."""
 
 
 def classified(gait: Gait) -> list[str]:

@@ -184,8 +184,9 @@ def mid_stance_rise(height: Floats, contact: Bools, valid: Bools | None = None) 
     rises = []
     for body, feet in zip(_episodes(height, valid), _episodes(contact, valid), strict=True):
         for foot in feet.T:
+            stances = _without_gaps(foot)
             for start, stop in pairwise(touchdowns(foot)):
-                lifted = start + int(_without_gaps(foot)[start:stop].argmin())
+                lifted = start + int(stances[start:stop].argmin())
                 if lifted > start:
                     rises.append(float(body[(start + lifted) // 2] - 0.5 * (body[start] + body[lifted])))
     return _nanmean(rises)

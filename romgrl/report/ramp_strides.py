@@ -10,10 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from romgrl.gait.command_following import running_mean
+from romgrl.gait.command_following import RUNS_BELOW, running_mean
 from romgrl.gait.features import Bools, Floats
 from romgrl.gait.footfall import FOOTFALLS
-from romgrl.gait.gait_classes import RUNS_BELOW
 from romgrl.gait.metrics import touchdowns
 
 LEAST_STRIDE = 0.3
