@@ -8,7 +8,7 @@ from dataclasses import replace
 from romgrl.cli.reduced_order_models import ROM_KEYS, composed_parameters
 from romgrl.config.commanded import needs_library
 from romgrl.config.schema import Config
-from romgrl.config.teachers import COMMANDS
+from romgrl.config.teachers import COMMANDS, CMAESTeacher
 from romgrl.config.values import refusal, show, value_of
 
 MOTORS = "variable_leg"
@@ -72,6 +72,9 @@ def of_search(config: Config) -> Iterator[str]:
         return
     if config.rom.model != MOTORS:
         yield refusal("teacher.algorithm", "cmaes", f"ppo with rom.model={config.rom.model}")
+    teacher = config.teacher
+    if isinstance(teacher, CMAESTeacher) and teacher.degree > 1 and teacher.speeds is None and teacher.apexes is None:
+        yield refusal("teacher.degree", teacher.degree, "1 without teacher.speeds and teacher.apexes")
     for key, usual in OF_SEARCH.items():
         if value_of(config, key) != usual:
             yield refusal(key, value_of(config, key), f"{show(usual)} with teacher.algorithm=cmaes")

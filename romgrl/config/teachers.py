@@ -197,6 +197,13 @@ class CMAESTeacher(Teacher):
         low=0,
         high=1000,
     )
+    degree: int = key(
+        "degree of the polynomials of speed or apex that the parameters of a controller are, where one has a range; of "
+        "stiffness they are linear",
+        low=1,
+        high=4,
+        before=1,
+    )
     spread: float = key("initial standard deviation of the search, share of that of each parameter", above=0, high=100)
 
 

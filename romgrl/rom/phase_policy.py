@@ -6,7 +6,7 @@ between knots, and a share of the torque for what the speed is off; another one 
 
     torque = stiffness (angle(c) + placement (v - v*) - hip angle) - damping * hip rate,
 
-with a drive of its own. All these numbers are linear in what is asked of the world, where that has a range. The
+with a drive of its own. All these numbers are polynomials of what is asked of the world, where that has a range. The
 controller sees what the observation holds and remembers nothing: the time since the last touchdown is a column of it.
 Raibert 1986, Legged Robots That Balance, for the placement.
 """
@@ -38,18 +38,20 @@ COLUMNS = {name: MOTOR_OBSERVATION_NAMES.index(name) for name in MOTOR_OBSERVATI
 
 
 class Span(NamedTuple):
-    """The range of a command that the parameters are linear in: a column of the observation, its ends there."""
+    """A term of what the parameters are: a column of the observation, the ends of its range there, which are -1 and 1
+    to the term, and the power of that."""
 
     column: str
     low: float
     high: float
+    power: int = 1
 
 
 class PhasePolicy:
     """Observations (N, 29) float32 of `romgrl.rom.observation.MOTOR_OBSERVATION_NAMES` -> actions (N, 4) in [-1, 1].
 
     parameters: (P,) for all worlds, or (N, P): those of the gait's clock in the middle of all spans, then for each span
-    what they grow by from its middle to its high end.
+    what its term adds to them at its high end.
     """
 
     observation_names: Sequence[str] = MOTOR_OBSERVATION_NAMES
@@ -70,7 +72,7 @@ class PhasePolicy:
         own = self.parameters[:, :size]
         for place, span in enumerate(self.spans, 1):
             share = (2.0 * observation[:, COLUMNS[span.column]] - span.low - span.high) / (span.high - span.low)
-            own = own + share[:, None] * self.parameters[:, place * size : (place + 1) * size]
+            own = own + share[:, None] ** span.power * self.parameters[:, place * size : (place + 1) * size]
         names = (name for name, _, _ in self.clock.parts)
         return dict(zip(names, np.split(own, self._ends, axis=1), strict=True))
 

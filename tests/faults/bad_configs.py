@@ -233,6 +233,7 @@ FILES = (
           "experiment/mine.yaml": "# @package _global_\nrom: {stifness: 1}\n"}),
 )  # fmt: skip
 
+OF_SEARCHES = ("reward=forward_velocity", "degree=2", "pretrained=true")
 MISFITS = (
     ("evaluation.window", "evaluation.window=400"),
     ("evaluation.window", "reference.episodes=25"),
@@ -265,9 +266,8 @@ MISFITS = (
     ("teacher.apex", "stage=teacher teacher=jumping teacher.apexes=null teacher.apex=0"),
     ("teacher.apexes", "stage=teacher teacher=jumping teacher.apexes=[0,0.5]"),
     ("teacher.gait", "stage=teacher rom=variable_leg teacher.gait=jump teacher.apex=0.3"),
-    ("teacher.reward", "teacher=cmaes teacher.reward=forward_velocity"),
     ("teacher.command_steps", "teacher=cmaes teacher.speeds=[2,4] teacher.command_steps=30"),
-    ("teacher.pretrained", "teacher=cmaes teacher.pretrained=true"),
+    *((f"teacher.{text.partition('=')[0]}", f"teacher=cmaes teacher.{text}") for text in OF_SEARCHES),
     ("eta", "comparison=same_resets eta=0.5"),
     ("comparison", "comparison=upright stage=verify"),
     ("comparison", "comparison=sinusoid discriminator=none"),

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from romgrl.gait.footfall import FOOTFALLS
 from romgrl.gait.recording import record
 from romgrl.rom.gait_clocks import CLOCKS, RUN
-from romgrl.rom.phase_policy import PhasePolicy, Span, between, knot_shares
+from romgrl.rom.phase_policy import COLUMNS, PhasePolicy, Span, between, knot_shares
 from romgrl.rom.vector_env import VariableLegVectorEnv
 
 
@@ -80,6 +80,18 @@ def test_parameters_are_linear_in_what_is_asked(seen: NDArray[np.float32]) -> No
     for speed, share, by_speed, by_share in ((0.5, 1.0, -1, 0), (1.5, 0.7, 1, -1), (1.0, 1.3, 0, 1), (2.0, 1.0, 2, 0)):
         rows[:, names.index("target_speed")], rows[:, names.index("stiffness_share")] = speed, share
         alone = PhasePolicy(blocks[0] + by_speed * blocks[1] + by_share * blocks[2])
+        np.testing.assert_allclose(policy(rows), alone(rows), atol=1e-5)
+
+
+def test_parameters_are_polynomials_of_what_is_asked(seen: NDArray[np.float32]) -> None:
+    """A square and a cube of the speed's share of half its range, -1 and 1 at its ends."""
+    size, random = len(RUN.mean), np.random.default_rng(2)
+    blocks = [RUN.mean, *(0.3 * random.normal(size=(3, size)))]
+    spans = [Span("target_speed", 0.5, 1.5, power) for power in (1, 2, 3)]
+    policy, rows = PhasePolicy(np.concatenate(blocks), spans=spans), seen[100:120].copy()
+    for speed, share in ((0.5, -1.0), (0.75, -0.5), (1.0, 0.0), (1.5, 1.0)):
+        rows[:, COLUMNS["target_speed"]] = speed
+        alone = PhasePolicy(sum(share**power * block for power, block in enumerate(blocks)))
         np.testing.assert_allclose(policy(rows), alone(rows), atol=1e-5)
 
 

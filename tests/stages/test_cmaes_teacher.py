@@ -105,6 +105,22 @@ def test_a_teacher_of_a_range_is_tried_at_all_that_is_checked(compose_config: Co
     assert np.ptp(tries.speed.mean(axis=(1, 2))) > 0.1
 
 
+def test_a_curve_is_searched_around_a_line(compose_config: Composer) -> None:
+    """One term for each power of the speed, the higher the nearer to none at first; stiffness stays linear."""
+    config = compose_config(*SMALL, "teacher.speeds=[3,5]", "teacher.stiffness_shares=[0.8,1.2]", "teacher.degree=2")
+    search = search_of(config)
+    assert [(span.column, span.power) for span in search.spans] == [
+        ("target_speed", 1),
+        ("target_speed", 2),
+        ("stiffness_share", 1),
+    ]
+    line, curve, share = search.deviation[len(RUN.mean) :].reshape(3, -1)
+    np.testing.assert_allclose(curve, 0.5 * line)
+    np.testing.assert_allclose(share, line)
+    jumping = search_of(compose_config(*SMALL, "teacher=jumping", "teacher.population=8", "teacher.degree=3"))
+    assert [span.power for span in jumping.spans] == [1, 2, 3]
+
+
 def test_apexes_of_whole_flights() -> None:
     """World 0 jumps twice, 0.1 m too low and 0.2 too high; 1 falls in its second flight; 2 never lands; 3 is in the air
     at first, which counts nowhere."""
@@ -190,21 +206,22 @@ def test_the_best_of_the_searches_goes_on(
 
 
 def test_a_controller_comes_back_from_its_file_and_no_other_does(tmp_path: Path) -> None:
-    path, spans = tmp_path / "policy.safetensors", [Span("target_speed", 0.1, 0.9)]
-    policy = PhasePolicy(np.tile(HOP.mean + 0.1, 2), "hop", spans)
+    path, spans = tmp_path / "policy.safetensors", [Span("target_speed", 0.1, 0.9, power) for power in (1, 2)]
+    policy = PhasePolicy(np.tile(HOP.mean + 0.1, 3), "hop", spans)
     save_phase_policy(path, policy)
     back = load_phase_policy(path)
     np.testing.assert_array_equal(back.parameters, policy.parameters)
     assert (back.gait, back.spans) == ("hop", tuple(spans))
     tensors, metadata = load_tensors(path)
     spec = json.loads(metadata[NETWORK])
-    nan = {"parameters": torch.full((42,), float("nan"), dtype=torch.float64)}
+    nan = {"parameters": torch.full((63,), float("nan"), dtype=torch.float64)}
     for kept, said, line in (
         (tensors, spec | {"algorithm": "ppo"}, "algorithm ppo; needed: cmaes"),
         (tensors, {"algorithm": "cmaes"}, "does not describe its controller"),
         (tensors, spec | {"gait": "fly"}, "does not describe its controller"),
         (tensors, spec | {"spans": [["target_speed", 0.9, 0.1]]}, "does not describe its controller"),
-        (tensors, spec | {"spans": []}, r"parameters is torch.float64 \(42,\)"),
+        (tensors, spec | {"spans": [["target_speed", 0.1, 0.9, 0.5]] * 2}, "does not describe its controller"),
+        (tensors, spec | {"spans": []}, r"parameters is torch.float64 \(63,\)"),
         (tensors, spec | {"observation_names": ["height"]}, "column 0 of what it reads is height"),
         ({"parameters": tensors["parameters"][:5]}, spec, r"parameters is torch.float64 \(5,\)"),
         (nan, spec, "not finite"),

@@ -39,7 +39,7 @@ LEASH = 1e-4
 SHORTER = ((0.15, 4), (0.3, 2))
 """Until this share of the generations tries are shorter by this factor: what falls at once is sorted out cheaply."""
 SLOPE = 0.5
-"""First deviation of what a parameter grows by over half a span, share of the parameter's."""
+"""First deviation of what a parameter grows by over half a span, share of the parameter's; its power for a power."""
 
 
 class CycleSearch:
@@ -56,7 +56,9 @@ class CycleSearch:
         self.standing = standing_height(parameters)
         self.spans = spans_of(teacher, self.speed_unit, parameters.leg_length)
         self.mean = np.concatenate([clock.mean, *(np.zeros(len(clock.mean)) for _ in self.spans)])
-        self.deviation = np.concatenate([clock.deviation, *(SLOPE * clock.deviation for _ in self.spans)])
+        self.deviation = np.concatenate(
+            [clock.deviation, *(SLOPE**span.power * clock.deviation for span in self.spans)]
+        )
         self.cma = CMA(
             mean=np.zeros(len(self.mean)), sigma=teacher.spread, population_size=teacher.population, seed=seed % 2**32
         )
@@ -161,13 +163,14 @@ class CycleSearch:
 
 def spans_of(teacher: CMAESTeacher, speed_unit: float, leg_length: float) -> list[Span]:
     """What the controllers of a teacher follow; speed_unit and leg_length, m/s and m: units of the observation."""
-    spans = []
+    spans, powers = [], range(1, teacher.degree + 1)
     if teacher.speeds is not None:
         low, high = teacher.speeds
-        spans.append(Span("target_speed", low / speed_unit, high / speed_unit))
+        spans += [Span("target_speed", low / speed_unit, high / speed_unit, power) for power in powers]
     if teacher.stiffness_shares is not None:
-        spans.append(Span("stiffness_share", *teacher.stiffness_shares))
+        soft, stiff = teacher.stiffness_shares
+        spans.append(Span("stiffness_share", soft, stiff))
     if teacher.apexes is not None:
         least, most = np.sqrt(2.0 * np.array(teacher.apexes) / leg_length).tolist()
-        spans.append(Span("target_takeoff_velocity", least, most))
+        spans += [Span("target_takeoff_velocity", least, most, power) for power in powers]
     return [span for span in spans if span.high > span.low]

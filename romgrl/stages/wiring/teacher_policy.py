@@ -13,13 +13,14 @@ from romgrl.algorithms.policy_file import COLUMN_NAMES, NETWORK, check_tensors, 
 from romgrl.algorithms.ppo_policy import PPOPolicy, load_ppo_policy
 from romgrl.artifacts import load_tensors, save_tensors
 from romgrl.config.schema import Config
-from romgrl.config.teachers import PPOTeacher
+from romgrl.config.teachers import CMAESTeacher, PPOTeacher
 from romgrl.errors import ArtifactError
 from romgrl.rom.gait_clocks import CLOCKS
 from romgrl.rom.interface import RomVectorEnv
 from romgrl.rom.phase_policy import COLUMNS, PhasePolicy, Span
 
 CONTROLLER = "parameters"  # the tensor of a controller
+DEGREES = range(1, 1 + int(CMAESTeacher.__dataclass_fields__["degree"].metadata["high"]))
 
 
 def read_teacher(directory: Path, config: Config, env: RomVectorEnv) -> PPOPolicy | PhasePolicy:
@@ -60,8 +61,8 @@ def load_phase_policy(path: Path) -> PhasePolicy:
     return PhasePolicy(tensors[CONTROLLER].numpy(), spec["gait"], spans)
 
 
-def spanned(column: str, low: float, high: float) -> Span:
+def spanned(column: str, low: float, high: float, power: int = 1) -> Span:
     """A span from its file. Raises ValueError for one that is none."""
-    if column not in COLUMNS or not -math.inf < low < high < math.inf:
-        raise ValueError(f"{column} from {low} to {high}")
-    return Span(column, low, high)
+    if column not in COLUMNS or not -math.inf < low < high < math.inf or power not in DEGREES:
+        raise ValueError(f"{column} from {low} to {high}, power {power}")
+    return Span(column, low, high, power)
