@@ -64,14 +64,23 @@ class PhasePolicy:
         phase = FOOTFALLS[gait].phase
         self._ahead = np.array([[phase], [(1.0 - phase) % 1.0]])  # of left and right leg, where the other landed last
         self._latest = max(phase, 1.0 - phase) + LATE
+        self._asked: NDArray[np.float32] | None = None  # in the step before, and the parameters for it
+        self._parts: dict[str, Array] = {}
         self._legs = [[COLUMNS[f"{side}_{name}"] for side in ("left", "right")] for name in LEG_COLUMNS]
 
     def parts_for(self, observation: NDArray[np.float32]) -> dict[str, Array]:
         """The parameters of the worlds (N or 1, k) by their part, for what is asked of them."""
+        asked = observation[:, [COLUMNS[span.column] for span in self.spans]]
+        if self._asked is None or not np.array_equal(asked, self._asked):  # it seldom changes from one step to the next
+            self._asked, self._parts = asked, self._parts_at(asked)
+        return self._parts
+
+    def _parts_at(self, asked: NDArray[np.float32]) -> dict[str, Array]:
+        """As `parts_for`, for the columns of the spans (N, S)."""
         size = len(self.clock.mean)
         own = self.parameters[:, :size]
-        for place, span in enumerate(self.spans, 1):
-            share = (2.0 * observation[:, COLUMNS[span.column]] - span.low - span.high) / (span.high - span.low)
+        for place, (span, column) in enumerate(zip(self.spans, asked.T, strict=True), 1):
+            share = (2.0 * column - span.low - span.high) / (span.high - span.low)
             own = own + share[:, None] ** span.power * self.parameters[:, place * size : (place + 1) * size]
         names = (name for name, _, _ in self.clock.parts)
         return dict(zip(names, np.split(own, self._ends, axis=1), strict=True))

@@ -89,7 +89,7 @@ def test_parameters_are_polynomials_of_what_is_asked(seen: NDArray[np.float32]) 
     blocks = [RUN.mean, *(0.3 * random.normal(size=(3, size)))]
     spans = [Span("target_speed", 0.5, 1.5, power) for power in (1, 2, 3)]
     policy, rows = PhasePolicy(np.concatenate(blocks), spans=spans), seen[100:120].copy()
-    for speed, share in ((0.5, -1.0), (0.75, -0.5), (1.0, 0.0), (1.5, 1.0)):
+    for speed, share in ((0.5, -1.0), (0.75, -0.5), (0.75, -0.5), (1.0, 0.0), (1.5, 1.0)):
         rows[:, COLUMNS["target_speed"]] = speed
         alone = PhasePolicy(sum(share**power * block for power, block in enumerate(blocks)))
         np.testing.assert_allclose(policy(rows), alone(rows), atol=1e-5)
