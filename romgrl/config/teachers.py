@@ -186,6 +186,13 @@ class CMAESTeacher(Teacher):
         high=1000,
         before=10.0,
     )
+    drift_alpha: float = key(
+        "sensitivity of what is earned to how far the mean speed of the second half of a try is from that of all of it",
+        unit="s/m",
+        low=0,
+        high=1000,
+        before=0.0,
+    )
     limp_cost: float = key(
         "share of the reward that is lost by the deviation of the times between touchdowns, share of their mean",
         low=0,

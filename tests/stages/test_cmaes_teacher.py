@@ -18,7 +18,7 @@ from romgrl.rom.gait_clocks import CLOCKS, HOP, RUN
 from romgrl.rom.phase_policy import COLUMNS, PhasePolicy, Span
 from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import reference, teacher
-from romgrl.stages.training.cycle_measures import UNJUMPED, ApexErrors, TouchdownTimes, Tries
+from romgrl.stages.training.cycle_measures import UNJUMPED, ApexErrors, TouchdownTimes, Tries, TrySums
 from romgrl.stages.training.cycle_search import CycleSearch
 from romgrl.stages.wiring.teacher_policy import load_phase_policy, save_phase_policy
 from tests.conftest import Composer
@@ -61,9 +61,26 @@ def test_what_is_paid_ends_with_a_fall(compose_config: Composer) -> None:
     assert (search.paid(tries) <= tries.upright).all()
 
 
+def test_a_speed_that_drifts() -> None:
+    """World 0 goes faster and faster, 1 holds its speed, 2 falls in the first half of what counts, 3 before it."""
+    sums = TrySums(np.ones(4), 0.5, 12, 1 / 30, np.ones(4))
+    for step in range(12):
+        info = {
+            "contact": np.ones((4, 2), bool),
+            "positive_power": np.zeros(4),
+            "forward_velocity": np.array([step, 2.0, 3.0, 4.0], np.float32),
+            "features": np.ones((4, 5), np.float32),
+        }
+        fallen = np.array([False, False, step >= 6, step >= 2])
+        sums.add(step, np.ones(4), np.zeros(4), fallen, info)
+    tries = sums.tries()
+    np.testing.assert_allclose(tries.speed, [7.5, 2.0, 3.0, 4.0])  # of steps 4 to 11
+    np.testing.assert_allclose(tries.drift, [2.0, 0.0, 0.0, 0.0])  # of steps 8 to 11: 9.5
+
+
 def test_what_a_gait_costs(compose_config: Composer) -> None:
     """A walk may not fly, a hop must; a limp and work have their price; something is always left."""
-    usual = Tries(*(np.full((1, 1, 1), value) for value in (1.0, 1.0, 0.08, 0.0, 0.0, 0.0)))
+    usual = Tries(*(np.full((1, 1, 1), value) for value in (1.0, 1.0, 0.0, 0.08, 0.0, 0.0, 0.0)))
     flown = usual._replace(flight=np.full((1, 1, 1), 0.22))
     for gait, rom, standing, flying in (("walk", "variable_walking", 1.0, 0.8), ("hop", "hopping", 0.9, 1.0)):
         search = search_of(compose_config(*SMALL, f"teacher.gait={gait}", f"rom={rom}", "teacher.flight_cost=1"))
@@ -145,13 +162,14 @@ def test_apexes_of_whole_flights() -> None:
 def test_a_jump_is_paid_by_its_apex(compose_config: Composer) -> None:
     """Controllers of one number that jump to what they are asked for earn all; what no gait asks for costs nothing."""
     jumping = search_of(compose_config(*SMALL, "teacher=jumping", "teacher.population=8"))
-    assert [task.apex for task in jumping.tasks] == pytest.approx([0.1, 0.175, 0.25, 0.325, 0.4])
-    assert [span.column for span in jumping.spans] == ["target_takeoff_velocity"]
+    assert [task.apex for task in jumping.tasks] == pytest.approx([0.1, 0.2, 0.3, 0.4, 0.5])
+    assert [span.column for span in jumping.spans] == ["target_takeoff_velocity"] * 2
     observation, _ = jumping.tasks[-1].env.reset(seed=0)
     assert observation[0, COLUMNS["target_takeoff_velocity"]] == pytest.approx(jumping.spans[0].high)
-    perfect = Tries(*(np.full((5, 8, 2), value) for value in (1.0, 0.0, 0.0, 0.5, 0.0, 0.0)))
+    perfect = Tries(*(np.full((5, 8, 2), value) for value in (1.0, 0.0, 0.0, 0.0, 0.5, 0.0, 0.0)))
     assert jumping.paid(perfect) == pytest.approx(1.0)
-    assert jumping.paid(perfect._replace(apex_error=perfect.flight * 0.2)) == pytest.approx(np.exp(-1.0))
+    assert jumping.paid(perfect._replace(apex_error=perfect.flight * 0.2)) == pytest.approx(np.exp(-2.0))
+    assert jumping.paid(perfect._replace(drift=perfect.flight)) == pytest.approx(np.exp(-0.75))
     tried = jumping.tries(np.tile(jumping.mean, (8, 1)), 60, seed=1)
     assert (np.diff(tried.apex_error.mean(axis=(1, 2))) != 0).all()  # the same controller, other apexes asked for
     running = search_of(compose_config(*SMALL)).tries(np.array([RUN.mean] * 8), 80, seed=1)

@@ -40,9 +40,9 @@ def test_what_is_asked(compose_config: Composer, ranging: Config) -> None:
     assert asked(soft) == asked_in_training(soft) == Commands((4.0, 4.0), (0.8, 0.8))
     jumping = compose_config("teacher=jumping", "threads=1")
     assert asked(jumping) == Commands((0.0, 0.0), apex=(0.3, 0.3))
-    assert asked_in_training(jumping) == Commands((0.0, 0.0), apex=(0.1, 0.4))
+    assert asked_in_training(jumping) == Commands((0.0, 0.0), apex=(0.1, 0.5))
     assert [name_of_task(task) for task in checked_tasks(jumping)][::2] == [
-        f"teacher to {apex} m" for apex in (0.1, 0.25, 0.4)
+        f"teacher to {apex} m" for apex in (0.1, 0.3, 0.5)
     ]
     tasks = checked_tasks(ranging)
     speeds, shares = np.array([(task.teacher.speed, task.teacher.stiffness_share) for task in tasks]).T

@@ -21,12 +21,14 @@ SHORTEST_GAP = 0.1
 
 
 class Tries(NamedTuple):
-    """What worlds came to, each (W,): share of the steps before a fall, mean speed once settled, m/s, deviation of the
-    times between touchdowns over their mean, share of the steps with no foot on the ground, positive power in W, mean
-    distance of the apexes of jumps from the one asked for, m."""
+    """What worlds came to, each (W,): share of the steps before a fall, mean speed once settled, m/s, how far the one
+    of the second half of these steps is from it, m/s, deviation of the times between touchdowns over their mean, share
+    of the steps with no foot on the ground, positive power in W, mean distance of the apexes of jumps from the one
+    asked for, m."""
 
     upright: Array
     speed: Array
+    drift: Array
     limp: Array
     flight: Array
     power: Array
@@ -104,6 +106,7 @@ class TrySums:
         self.upright = np.ones(len(side), bool)
         self.lasted, self.travelled, self.flown, self.work = (np.zeros(len(side)) for _ in range(4))
         self.late = np.zeros((2, len(side)))  # steps once settled, and the speeds there
+        self.latest = np.zeros((2, len(side)))  # those of the second half of these
 
     def add(
         self, step: int, side: Array, age: Array, terminated: NDArray[np.bool_], info: dict[str, NDArray[np.float32]]
@@ -118,15 +121,20 @@ class TrySums:
         self.travelled += moved
         if step >= self.settled:
             self.late += self.upright, moved
+            if 2 * step >= self.settled + self.steps:
+                self.latest += self.upright, moved
             self.apexes.add(info["features"][:, BODY_Y], flying, self.upright)
         self.times.add(side, (step + 1) * self.dt - age, self.upright)
 
     def tries(self) -> Tries:
         """What it amounts to."""
         lasted, late = np.maximum(self.lasted, 1.0), np.maximum(self.late[0], 1.0)
+        speed = np.where(self.late[0] > 0, self.late[1] / late, self.travelled / lasted)
+        at_last = self.latest[1] / np.maximum(self.latest[0], 1.0)
         return Tries(
             upright=self.lasted / self.steps,
-            speed=np.where(self.late[0] > 0, self.late[1] / late, self.travelled / lasted),
+            speed=speed,
+            drift=np.where(self.latest[0] > 0, np.abs(at_last - speed), 0.0),
             limp=self.times.spread(),
             flight=self.flown / lasted,
             power=self.work / lasted,

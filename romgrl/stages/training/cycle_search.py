@@ -103,9 +103,10 @@ class CycleSearch:
         return np.asarray(1.0 - (self.paid(tries) * self.kept(tries)).mean(axis=(0, 2)))
 
     def paid(self, tries: Tries) -> Array:
-        """What worlds earn by their mean speed, and by their apexes where they jump, the less the sooner they fall."""
+        """What worlds earn by their mean speed, how it stays, and their apexes, the less the sooner they fall."""
         asked = np.array([task.speed for task in self.tasks])[:, None, None]
         off = self.teacher.alpha * np.abs(tries.speed - asked) + self.teacher.apex_alpha * tries.apex_error
+        off += self.teacher.drift_alpha * tries.drift
         return np.asarray(tries.upright * np.exp(-off))
 
     def kept(self, tries: Tries) -> Array:
