@@ -19,6 +19,8 @@ SHORTEST_STANCE = 0.05
 """A contact that lasts less, s, is a foot that scuffs in its swing: stances take 0.15 s and more."""
 
 
+FEWEST_STEPS = 3
+"""Control steps, of a stance and of the gap between two; at 30 Hz they last five and more."""
 STANCE_POINTS = 51
 LOAD_MEASURES = (
     "stop_torque_share",
@@ -41,12 +43,22 @@ def peak_force(ground_force: Floats, valid: Bools) -> float:
 def stance_forces(ground_force: Floats, valid: Bools) -> list[Floats]:
     """The force under a foot in each whole stance (steps,), N; ground_force (E, T, 2) N, valid (E, T)."""
     feet = [foot for episode, mask in zip(ground_force, valid, strict=True) for foot in episode[mask].T]
-    return [foot[start:stop] for foot in feet for start, stop in whole_runs(foot > 0)]
+    return [foot[start:stop] for foot in feet for start, stop in whole_stances(foot > 0)]
+
+
+def whole_stances(contact: Bools) -> list[tuple[int, int]]:
+    """The stances among `whole_runs` of contact (T,), in control steps.
+
+    A foot that leaves the ground for less than FEWEST_STEPS has not ended its stance; one that touches it for less
+    scuffs.
+    """
+    runs = whole_runs(without_gaps(contact, FEWEST_STEPS))
+    return [(start, stop) for start, stop in runs if stop - start >= FEWEST_STEPS]
 
 
 def whole_runs(flags: Bools) -> list[tuple[int, int]]:
-    """Where flags (T,) hold, as contact does in a stance: the first step of each run of them that begins and ends
-    within, and the first one after it."""
+    """Where flags (T,) hold: the first step of each run of them that begins and ends within, and the first one after
+    it."""
     edges = np.diff(flags.astype(int))
     starts, stops = np.flatnonzero(edges > 0) + 1, np.flatnonzero(edges < 0) + 1
     return [(int(start), int(stops[stops > start][0])) for start in starts if (stops > start).any()]
@@ -80,7 +92,7 @@ def net_extension(features: Floats, contact: Bools, valid: Bools) -> float:
         for legs, feet, mask in zip(length, contact[..., foot], valid, strict=True):
             lengths = legs[mask]
             found += [
-                max(lengths[stop - 1], lengths[stop]) - lengths[start - 1] for start, stop in whole_runs(feet[mask])
+                max(lengths[stop - 1], lengths[stop]) - lengths[start - 1] for start, stop in whole_stances(feet[mask])
             ]
     return _mean(np.array(found))
 

@@ -18,7 +18,7 @@ def library_cells(config: Config) -> list[Config]:
         return [config]
     speeds = [teacher.speed] if teacher.speeds is None else multiples(teacher.speeds, asked.speed_step)
     apexes = [teacher.apex] if teacher.apexes is None else multiples(teacher.apexes, asked.apex_step)
-    shares = [teacher.stiffness_share] if teacher.stiffness_shares is None else asked.stiffness_shares
+    shares = [teacher.stiffness_share] if teacher.stiffness_shares is None else [*dict.fromkeys(asked.stiffness_shares)]
     return [
         replace(config, teacher=replace(teacher, speed=speed, apex=apex, stiffness_share=share))
         for speed, apex, share in product(speeds, apexes, shares)

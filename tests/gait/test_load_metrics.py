@@ -119,12 +119,12 @@ def test_the_valley_between_two_humps() -> None:
 
 def test_how_much_longer_a_leg_leaves_the_ground() -> None:
     """Of whole stances alone: a leg of 0.80 m touches down; it leaves with 0.84 m, in the step before or after."""
-    features, contact = np.zeros((1, 8, 5)), np.zeros((1, 8, 2), bool)
+    features, contact = np.zeros((1, 10, 5)), np.zeros((1, 10, 2), bool)
     contact[0, 2:5, 0] = True
-    contact[0, 6:, 0] = True
-    features[..., LEFT_Z] = -np.array([0.8, 0.8, 0.75, 0.7, 0.82, 0.84, 0.7, 0.9])
+    contact[0, 8:, 0] = True
+    features[..., LEFT_Z] = -np.array([0.8, 0.8, 0.75, 0.7, 0.82, 0.84, 0.7, 0.7, 0.7, 0.9])
     features[..., RIGHT_Z] = -0.9
-    valid = np.ones((1, 8), bool)
+    valid = np.ones((1, 10), bool)
     assert net_extension(features, contact, valid) == pytest.approx(0.04)
     features[0, 4, LEFT_Z], features[0, 5, LEFT_Z] = -0.85, -0.6
     assert net_extension(features, contact, valid) == pytest.approx(0.05)

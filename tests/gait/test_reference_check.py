@@ -9,7 +9,7 @@ from romgrl.config.teachers import GAITS
 from romgrl.errors import ArtifactError
 from romgrl.gait.features import Gait
 from romgrl.gait.footfall import FOOTFALLS
-from romgrl.gait.reference_check import check_reference, largest_trend, slip_speed
+from romgrl.gait.reference_check import check_reference, largest_trend, slip_speeds
 
 SPEED, DT, STRIDE, DUTY, EPISODES, STEPS = 4.0, 1.0 / 30.0, 0.6, 0.3, 4, 200
 
@@ -114,6 +114,31 @@ def test_a_hop_on_the_spot_is_judged_by_half_a_metre_per_second() -> None:
         check_reference(still, FOOTFALLS["hop"])
 
 
+@pytest.mark.parametrize("phase", [0.34, 0.37])
+def test_feet_that_land_out_of_turn_are_no_run(phase: float) -> None:
+    with pytest.raises(ArtifactError, match=r"another footfall: .* needed: 0\.5 ± 0\.12"):
+        check_reference(runner(phase))
+
+
+def test_a_foot_that_never_lands_is_no_run() -> None:
+    gait = runner()
+    assert gait.contact is not None
+    gait.contact[..., 1] = False
+    with pytest.raises(ArtifactError, match=r"another footfall: the right foot lands at nan of the left one's stride"):
+        check_reference(gait)
+
+
+def test_a_foot_that_is_dragged_forward_is_no_stance() -> None:
+    """The left one touches the ground in its swing, too, but for the last four steps before it lands."""
+    gait = runner()
+    assert gait.contact is not None
+    contact = gait.contact.copy()
+    soon = np.stack([np.roll(contact[..., 0], -steps, axis=1) for steps in (1, 2, 3, 4)]).any(axis=0)
+    contact[..., 0] |= ~soon
+    with pytest.raises(ArtifactError, match=r"slides: in \d\d% of the steps on the ground a foot moves faster than 0"):
+        check_reference(dataclasses.replace(gait, contact=contact))
+
+
 def test_speed_drift_is_refused() -> None:
     gait = runner()
     assert gait.velocity is not None
@@ -144,8 +169,8 @@ def test_slip_of_a_foot_that_stays_behind() -> None:
     features = np.zeros((1, 3, 5))
     features[0, :, 1] = [0.3, 0.2, 0.1]
     contact = np.array([[[True, False]] * 3])
-    slip = slip_speed(features, contact, np.full((1, 3), 1.5), 0.1, np.ones((1, 3), bool))
-    assert slip == pytest.approx(0.5)
+    slips = slip_speeds(features, contact, np.full((1, 3), 1.5), 0.1, np.ones((1, 3), bool))
+    assert np.median(slips) == pytest.approx(0.5)
 
 
 def test_bounces_that_are_cut_are_no_drift() -> None:

@@ -40,10 +40,13 @@ def test_cells_are_the_speeds_and_stiffnesses_that_a_teacher_has_learned(compose
 
 
 def test_peaks_are_of_whole_stances() -> None:
-    force = np.zeros((1, 12, 2))
-    force[0, :, 0] = [5, 5, 0, 1, 3, 2, 0, 0, 4, 0, 9, 9]  # the first and the last stance are cut
-    assert peak_force(force, np.ones((1, 12), bool)) == pytest.approx(3.5)
-    assert np.isnan(peak_force(force, np.arange(12)[None] < 3))
+    """The first and the last one are cut; a foot that is up for two steps has not left, one that is down for two
+    scuffs."""
+    force = np.zeros((1, 32, 2))
+    force[0, :24, 0] = [5, 5, 0, 0, 0, 1, 3, 2, 0, 0, 0, 1, 4, 1, 0, 0, 1, 0, 0, 0, 1, 1, 0, 0]
+    force[0, 28:, 0] = 9
+    assert peak_force(force, np.ones((1, 32), bool)) == pytest.approx(3.5)
+    assert np.isnan(peak_force(force, np.arange(32)[None] < 6))
 
 
 @pytest.mark.parametrize(("asked", "held"), [(4.0, 4.19), (4.0, 3.81), (0.0, -0.04), (0.5, 0.54)])

@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 
 from romgrl.config.schema import Config
+from romgrl.errors import ArtifactError
 from romgrl.gait.features import BODY_Y, Gait
+from romgrl.gait.footfall import Footfall
 from romgrl.rom.parameters import standing_height
 from romgrl.stages.rollouts import teacher
-from romgrl.stages.rollouts.teacher import missed, roll_out_as_asked
+from romgrl.stages.rollouts.teacher import missed, roll_out_as_asked, shortfall
 from romgrl.stages.wiring.rom import rom_parameters
 from tests.conftest import Composer
 from tests.helpers.synthetic_gait import DT, run
@@ -53,13 +55,31 @@ def test_a_teacher_that_jumps_too_low_is_told_the_difference(
         tries.append(at.teacher.apex)
         features, contact = run(episodes=2, right_phase=0.0, duty=0.4)
         features[..., BODY_Y] = standing + 0.9 * at.teacher.apex * ~contact.any(axis=-1)
-        return Gait(features, np.ones(contact.shape[:2], bool), np.zeros(2, bool), DT, contact=contact)
+        still, valid = np.zeros(contact.shape[:2]), np.ones(contact.shape[:2], bool)
+        return Gait(features, valid, np.zeros(2, bool), DT, velocity=still, contact=contact)
 
     monkeypatch.setattr(teacher, "roll_out_teacher", roll_out)
     told = roll_out_as_asked(PLACE, config)
     assert tries == pytest.approx([0.3, 0.33])
     assert told.words(config) == ", told 0.33 m for an apex of 0.3 m"
     assert (told.words(told.config), missed(told.gait, config)) == ("", pytest.approx(-0.003, abs=1e-6))
+
+
+def test_what_is_fit_comes_before_what_is_nearer(
+    told: list[float], monkeypatch: pytest.MonkeyPatch, compose_config: Composer
+) -> None:
+    """A teacher that is slow and fit; told the difference, it is refused as a reference."""
+
+    def check(gait: Gait, footfall: Footfall) -> None:
+        assert gait.velocity is not None
+        if gait.velocity.mean() > 3.9:
+            raise ArtifactError("the reference drifts")
+
+    config = compose_config("teacher=variable_running", "speed=4")
+    monkeypatch.setattr(teacher, "check_reference", check)
+    found = roll_out_as_asked(PLACE, config)
+    assert (found.config.teacher.speed, told) == (4.0, pytest.approx([4.0, 4.2]))
+    assert shortfall(found.gait, config) == (0, False, pytest.approx(0.2))
 
 
 @pytest.mark.parametrize(

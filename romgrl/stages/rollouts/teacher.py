@@ -8,8 +8,11 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from romgrl.config.schema import Config
+from romgrl.errors import ArtifactError
 from romgrl.gait.features import Gait
+from romgrl.gait.footfall import FOOTFALLS
 from romgrl.gait.recording import record
+from romgrl.gait.reference_check import check_reference
 from romgrl.stages.wiring.jumps_asked import jumps_asked
 from romgrl.stages.wiring.rom import rom_env, rom_parameters
 from romgrl.stages.wiring.seeds import REFERENCE_SEED
@@ -39,7 +42,8 @@ def roll_out_as_asked(directory: Path, config: Config) -> Told:
     """Episodes as near to the configured speed, or apex, as the teacher gets, see `roll_out_teacher`.
 
     One policy of a range goes some speeds a few per cent slow or fast. Its command is an input like any other, so it is
-    told the difference, too, within its range. Episodes with the fewest falls, then the nearest goal, are kept.
+    told the difference, too, within its range. Of up to three tries the one with the fewest falls is kept, of these one
+    that is fit to be imitated, of these the nearest to the goal.
     """
     best = Told(roll_out_teacher(directory, config), config)
     teacher = config.teacher
@@ -48,7 +52,7 @@ def roll_out_as_asked(directory: Path, config: Config) -> Told:
         return best
     told = asked = float(getattr(teacher, goal))
     within = APEX_WITHIN if teacher.apexes else SPEED_WITHIN * max(1.0, asked)
-    off = best_off = missed(best.gait, config)
+    off = missed(best.gait, config)
     for _ in range(CORRECTIONS):
         corrected = min(max(told - off, limits[0]), limits[1])
         if not within < abs(off) < math.inf or corrected == told:
@@ -57,9 +61,22 @@ def roll_out_as_asked(directory: Path, config: Config) -> Told:
         told, at = corrected, replace(config, teacher=replace(teacher, **goals))
         found = Told(roll_out_teacher(directory, at), at)
         off = missed(found.gait, config)
-        if (found.gait.fallen.sum(), abs(off)) < (best.gait.fallen.sum(), abs(best_off)):
-            best, best_off = found, off
+        best = min(best, found, key=lambda each: shortfall(each.gait, config))
     return best
+
+
+def shortfall(gait: Gait, config: Config) -> tuple[int, bool, float]:
+    """What is wrong with episodes, the worst first: falls, whether they are refused as a reference, and how far the
+    speed, m/s, or the apexes, m, are from what is asked for."""
+    try:
+        check_reference(gait, FOOTFALLS[config.teacher.gait])
+        refused = False
+    except ArtifactError:
+        refused = True
+    off = abs(missed(gait, config))
+    if config.teacher.apexes:
+        off = jumps_asked(config, gait, rom_parameters(config)).get("jump_apex_error_m", math.inf)
+    return int(gait.fallen.sum()), refused, off if math.isfinite(off) else math.inf
 
 
 def missed(gait: Gait, config: Config) -> float:
