@@ -19,7 +19,7 @@ SHORTEST_STANCE = 0.05
 """A contact that lasts less, s, is a foot that scuffs in its swing: stances take 0.15 s and more."""
 
 
-FEWEST_STEPS = 3
+FEWEST_STANCE_STEPS = 3
 """Control steps, of a stance and of the gap between two; at 30 Hz they last five and more."""
 STANCE_POINTS = 51
 LOAD_MEASURES = (
@@ -49,11 +49,11 @@ def stance_forces(ground_force: Floats, valid: Bools) -> list[Floats]:
 def whole_stances(contact: Bools) -> list[tuple[int, int]]:
     """The stances among `whole_runs` of contact (T,), in control steps.
 
-    A foot that leaves the ground for less than FEWEST_STEPS has not ended its stance; one that touches it for less
+    A foot that leaves the ground for less than FEWEST_STANCE_STEPS has not ended its stance; one that touches it for less
     scuffs.
     """
-    runs = whole_runs(without_gaps(contact, FEWEST_STEPS))
-    return [(start, stop) for start, stop in runs if stop - start >= FEWEST_STEPS]
+    runs = whole_runs(without_gaps(contact, FEWEST_STANCE_STEPS))
+    return [(start, stop) for start, stop in runs if stop - start >= FEWEST_STANCE_STEPS]
 
 
 def whole_runs(flags: Bools) -> list[tuple[int, int]]:

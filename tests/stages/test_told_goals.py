@@ -13,7 +13,7 @@ from romgrl.gait.features import BODY_Y, Gait
 from romgrl.gait.footfall import Footfall
 from romgrl.rom.parameters import standing_height
 from romgrl.stages.rollouts import teacher
-from romgrl.stages.rollouts.teacher import missed, roll_out_as_asked, shortfall
+from romgrl.stages.rollouts.teacher import missed, roll_out_as_asked, order_of_try
 from romgrl.stages.wiring.rom import rom_parameters
 from tests.conftest import Composer
 from tests.helpers.synthetic_gait import DT, run
@@ -79,7 +79,7 @@ def test_what_is_fit_comes_before_what_is_nearer(
     monkeypatch.setattr(teacher, "check_reference", check)
     found = roll_out_as_asked(PLACE, config)
     assert (found.config.teacher.speed, told) == (4.0, pytest.approx([4.0, 4.2]))
-    assert shortfall(found.gait, config) == (0, False, pytest.approx(0.2))
+    assert order_of_try(found.gait, config) == (0, False, pytest.approx(0.2))
 
 
 @pytest.mark.parametrize(

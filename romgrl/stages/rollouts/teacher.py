@@ -61,11 +61,11 @@ def roll_out_as_asked(directory: Path, config: Config) -> Told:
         told, at = corrected, replace(config, teacher=replace(teacher, **goals))
         found = Told(roll_out_teacher(directory, at), at)
         off = missed(found.gait, config)
-        best = min(best, found, key=lambda each: shortfall(each.gait, config))
+        best = min(best, found, key=lambda each: order_of_try(each.gait, config))
     return best
 
 
-def shortfall(gait: Gait, config: Config) -> tuple[int, bool, float]:
+def order_of_try(gait: Gait, config: Config) -> tuple[int, bool, float]:
     """What is wrong with episodes, the worst first: falls, whether they are refused as a reference, and how far the
     speed, m/s, or the apexes, m, are from what is asked for."""
     try:
