@@ -49,8 +49,8 @@ def stance_forces(ground_force: Floats, valid: Bools) -> list[Floats]:
 def whole_stances(contact: Bools) -> list[tuple[int, int]]:
     """The stances among `whole_runs` of contact (T,), in control steps.
 
-    A foot that leaves the ground for less than FEWEST_STANCE_STEPS has not ended its stance; one that touches it for less
-    scuffs.
+    A foot that leaves the ground for fewer than FEWEST_STANCE_STEPS has not ended its stance; one that touches it for
+    fewer scuffs.
     """
     runs = whole_runs(without_gaps(contact, FEWEST_STANCE_STEPS))
     return [(start, stop) for start, stop in runs if stop - start >= FEWEST_STANCE_STEPS]

@@ -13,7 +13,7 @@ from romgrl.gait.features import BODY_Y, Gait
 from romgrl.gait.footfall import Footfall
 from romgrl.rom.parameters import standing_height
 from romgrl.stages.rollouts import teacher
-from romgrl.stages.rollouts.teacher import missed, roll_out_as_asked, order_of_try
+from romgrl.stages.rollouts.teacher import missed, order_of_try, roll_out_as_asked
 from romgrl.stages.wiring.rom import rom_parameters
 from tests.conftest import Composer
 from tests.helpers.synthetic_gait import DT, run
