@@ -68,12 +68,12 @@ def of_model(config: Config) -> Iterator[str]:
 
 def of_search(config: Config) -> Iterator[str]:
     """CMA-ES finds a controller of legs with motors, whose clock it needs, by its mean speed, held for an episode."""
-    if config.teacher.algorithm != "cmaes":
+    teacher = config.teacher
+    if not isinstance(teacher, CMAESTeacher):
         return
     if config.rom.model != MOTORS:
         yield refusal("teacher.algorithm", "cmaes", f"ppo with rom.model={config.rom.model}")
-    teacher = config.teacher
-    if isinstance(teacher, CMAESTeacher) and teacher.degree > 1 and teacher.speeds is None and teacher.apexes is None:
+    if teacher.degree > 1 and teacher.speeds is None and teacher.apexes is None:
         yield refusal("teacher.degree", teacher.degree, "1 without teacher.speeds and teacher.apexes")
     for key, usual in OF_SEARCH.items():
         if value_of(config, key) != usual:

@@ -17,8 +17,6 @@ LONGEST_GAP = 0.1
 """A foot that leaves the ground for less than this, s, has not ended its stance: swings take 0.3 s and more."""
 SHORTEST_STANCE = 0.05
 """A contact that lasts less, s, is a foot that scuffs in its swing: stances take 0.15 s and more."""
-
-
 FEWEST_STANCE_STEPS = 3
 """Control steps, of a stance and of the gap between two; at 30 Hz they last five and more."""
 STANCE_POINTS = 51

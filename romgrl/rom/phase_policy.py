@@ -38,8 +38,8 @@ COLUMNS = {name: MOTOR_OBSERVATION_NAMES.index(name) for name in MOTOR_OBSERVATI
 
 
 class Span(NamedTuple):
-    """A term of what the parameters are: a column of the observation, the ends of its range there, which are -1 and 1
-    to the term, and the power of that."""
+    """The range of a command: a column of the observation and its ends there. A term of the parameters goes with a
+    power of the command, -1 to 1 over the range."""
 
     column: str
     low: float

@@ -32,6 +32,8 @@ def asked(config: Config) -> list[tuple[float, float]]:
 def test_cells_are_the_speeds_and_stiffnesses_that_a_teacher_has_learned(compose_config: Composer) -> None:
     ranging = compose_config("teacher=variable_running", "teacher.speeds=[1.8,2.5]", "library.stiffness_shares=[0.7,1]")
     assert asked(ranging) == [(speed, share) for speed in (2.0, 2.25, 2.5) for share in (0.7, 1.0)]
+    again = compose_config("teacher=variable_running", "teacher.speeds=[2,2.25]", "library.stiffness_shares=[1,1]")
+    assert asked(again) == [(2.0, 1.0), (2.25, 1.0)]
     assert asked(compose_config("library.speed_step=0.5")) == [(4.0, 1.0)]
     jumping = library_cells(compose_config("teacher=jumping", "library.apex_step=0.2"))
     assert [(at.teacher.speed, at.teacher.apex) for at in jumping] == [(0.0, 0.2), (0.0, 0.4)]
