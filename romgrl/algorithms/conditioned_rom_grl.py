@@ -81,6 +81,11 @@ class ConditionedRomGrl(RomGrl):
         eta = torch.lerp(self.etas[low], self.etas[high], share)
         return torch.where(self.cells.taught(batch.windows), eta, 1.0)
 
+    def weigh_task(self, eta: float) -> None:
+        """Give the task this weight at all cells from now on."""
+        self.eta = eta
+        self.etas.fill_(eta)
+
     def state(self) -> dict[str, Any]:
         """Everything that `restore` needs, but the rows of the buffer."""
         return super().state() | {"relabelling": self.relabelling.state(), "etas": self.etas}

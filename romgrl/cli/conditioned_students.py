@@ -34,6 +34,9 @@ CONDITIONED_KEYS = (
     "discriminator.loss",
     "library.others",
     "student.pretrained",
+    "eta",
+    "student.adapt_eta",
+    "student.final_eta",
     *OF_ONE_SPEED,
 )
 BEGUN_KEYS = ("speed", "teacher.gait", "student.standing_share")
@@ -56,6 +59,11 @@ def conditioned_student(config: Config) -> Iterator[str]:
     where = f"with student.kind={config.student.kind}"
     if config.stage not in FOLLOWED:
         yield refusal("stage", config.stage, f"{', '.join(FOLLOWED)} {where}: it has no one speed")
+    if (final := conditioned_keys(config.student).final_eta) is not None:
+        if config.student.adapt_eta:
+            yield refusal("student.final_eta", final, "null with student.adapt_eta=true, which steers eta")
+        elif config.eta == 1:
+            yield refusal("student.final_eta", final, "null with eta=1: there is no imitation to weigh")
     if config.student.pretrained and config.library.others is not None:
         yield refusal("library.others", config.library.others, "null with student.pretrained=true: its library ships")
     for key, needed in OF_ONE_SPEED.items():

@@ -58,6 +58,12 @@ class ConditionedStudent(Student):
         "true: windows are standardised by mean and deviation of the reference at their command; false: by those of "
         "all references together"
     )
+    final_eta: float | None = key(
+        "eta moves to this over the middle half of a training; null: it stays, or adapt_eta steers it",
+        low=0,
+        high=1,
+        before=None,
+    )
     taught_step: float | None = key(
         "references are taught at multiples of this speed alone; the others are never shown, only checked, though "
         "their speeds are asked for; null: all that are fit are taught",

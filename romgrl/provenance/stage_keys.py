@@ -34,7 +34,7 @@ def stage_config(stage: str, config: Config) -> Config:
         resets = config.student.reference_resets if is_conditioned(config) else 0.0
         student = replace(config.student, reference_resets=resets, adapt_eta=False, end_early=False, second_try=False)
         if isinstance(student, ConditionedStudent):
-            student = replace(student, mismatched_share=0.0, mismatch_distance=1.0)
+            student = replace(student, final_eta=None, mismatched_share=0.0, mismatch_distance=1.0)
             student = replace(student, stratify=False, standardize_by_command=False)
         if stage == "baseline":
             student = replace(student, posture_weight=0.0, kept_policy="task_reward")

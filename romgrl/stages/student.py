@@ -28,7 +28,7 @@ from romgrl.stages.conditioned.commanded_frames import CommandedFrames
 from romgrl.stages.conditioned.conditioned_learner import build_conditioned_learner
 from romgrl.stages.conditioned.curriculum import Curriculum
 from romgrl.stages.conditioned.grid_check import GridChecks
-from romgrl.stages.training.budget import Budget
+from romgrl.stages.training.budget import Budget, over_the_middle
 from romgrl.stages.training.checkpoints import Stateful, TrainingCheckpoints
 from romgrl.stages.training.discriminator_watch import HealthWatch
 from romgrl.stages.training.gait_check import GaitChecks
@@ -203,7 +203,8 @@ def train_student(
                 loop.due += student.updates_per_step * env.num_envs
                 if student.learning_rate_decay:
                     learner.scale_learning_rates(min(1.0, 2 * (1 - budget.share(step))))
-                learner.sac.scale_target_entropy(entropy_scale(config, budget.share(step)))
+                scales = student.target_entropy_scale, student.final_entropy_scale
+                learner.sac.scale_target_entropy(over_the_middle(*scales, budget.share(step)))
                 loop.metrics |= learner.update(int(loop.due)) if loop.due >= 1 else {}
                 loop.due -= int(loop.due)
             updated = learner.start_discriminator()
@@ -232,13 +233,6 @@ def train_student(
                 log.message(f"the discriminator stopped at step {step:,}: no better on held-out windows")
             checks.check_if_due(step, learner, budget)
             checkpoints.save_if_due(step)
-
-
-def entropy_scale(config: Config, share: float) -> float:
-    """Target entropy over - number of actions at a share of the training: straight over its middle half."""
-    student = config.student
-    first, last = student.target_entropy_scale, student.final_entropy_scale
-    return first if last is None else first + (last - first) * min(1.0, max(0.0, 2 * share - 0.5))
 
 
 def tell(

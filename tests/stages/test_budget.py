@@ -13,7 +13,7 @@ from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import student
 from romgrl.stages.training import budget as budget_module
 from romgrl.stages.training import gait_check
-from romgrl.stages.training.budget import Budget
+from romgrl.stages.training.budget import Budget, over_the_middle
 from tests.conftest import Composer
 from tests.helpers.cut_trainings import Recorder, files, interrupt, train, training
 
@@ -25,6 +25,12 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> None:
     """A second passes from one reading to the next."""
     ticks = count(1000.0)
     monkeypatch.setattr(budget_module, "time", SimpleNamespace(monotonic=lambda: next(ticks)))
+
+
+def test_what_moves_over_the_middle_half_stays_before_and_after() -> None:
+    shares = (0.0, 0.25, 0.5, 0.75, 1.0)
+    assert [over_the_middle(0.5, 1.5, share) for share in shares] == [0.5, 0.5, 1.0, 1.5, 1.5]
+    assert [over_the_middle(0.5, None, share) for share in shares] == [0.5] * 5
 
 
 def test_the_nearer_limit_counts(clock: None) -> None:

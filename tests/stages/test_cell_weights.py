@@ -13,6 +13,7 @@ from romgrl.algorithms.conditioned_rom_grl import ConditionedRomGrl
 from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages.conditioned.cells import CommandCells, read_command_cells
 from romgrl.stages.conditioned.grid_check import GridChecks, grid_summary
+from romgrl.stages.student import conditioned_training
 from tests.conftest import Composer
 from tests.helpers.command_cells import RUN, WALK, asked, cells
 from tests.helpers.commanded import commanded, small_library
@@ -62,3 +63,19 @@ def test_each_cell_steers_its_own_weight(compose_config: Composer, tmp_path: Pat
     for _ in range(5):
         checks.adapt(rows, made)
     assert made.etas.tolist() == pytest.approx([0.4, 0.7, 0.3, 0.4, 0.4])
+
+
+def test_the_weight_of_the_speed_moves_over_the_middle_half(compose_config: Composer, tmp_path: Path) -> None:
+    config = commanded(compose_config, "eta=0.5", "student.final_eta=0.3")
+    with_library = conditioned_training(
+        config, small_library(tmp_path / "library"), tmp_path, SilentLog(), None, threads=1
+    )
+    follows, made = with_library.follows, with_library.learner
+    assert follows is not None
+    assert isinstance(made, ConditionedRomGrl)
+    weights = []
+    for share in (0.0, 0.25, 0.5, 0.75, 1.0):
+        follows.review(0, share)
+        assert made.etas.tolist() == pytest.approx([made.eta] * 5)
+        weights.append(made.eta)
+    assert weights == pytest.approx([0.5, 0.5, 0.4, 0.3, 0.3])

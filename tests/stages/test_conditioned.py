@@ -267,6 +267,12 @@ def test_a_library_that_cannot_teach_is_refused_before_it_is_made(
     assert "is not allowed; allowed: " in line
 
 
+@pytest.mark.parametrize("reason", ["student.adapt_eta=true", "eta=1"])
+def test_a_weight_that_nothing_reads_is_refused(reason: str, compose_config: Composer) -> None:
+    (line,) = misfits(compose_config("experiment=every_speed", "student.final_eta=0.3", reason))
+    assert line.startswith(f"student.final_eta: 0.3 is not allowed; allowed: null with {reason}")
+
+
 def test_a_conditioned_student_reads_the_library_and_has_a_key_of_its_own(compose_config: Composer) -> None:
     nothing: Any = lambda stage: False  # noqa: E731
     assert plan(["student"], nothing, conditioned=True) == ["teacher", "library", "student"]
@@ -279,7 +285,7 @@ def test_a_conditioned_student_reads_the_library_and_has_a_key_of_its_own(compos
         key = stage_key(stage, config, {})
         assert key == stage_key(stage, with_value(config, "speed", 3.0), {})
         own = {name for name in stage_settings(stage, config) if name not in usual and name.startswith("student.")}
-        assert len(own) == 11
+        assert len(own) == 12
         silent = {f"student.{name}" for name in ("mismatched_share", "mismatch_distance", "stratify")}
         silent |= {"student.standardize_by_command"}
         for name in own - {"student.kind"}:

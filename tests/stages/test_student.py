@@ -183,10 +183,6 @@ def test_target_entropy_moves_over_the_middle_half(
     config = configuration(*overrides)
     student.run(config, {"reference": reference}, tmp_path, SilentLog())
     assert (targets[0], targets[-1]) == pytest.approx((-0.5 * 21, -1.5 * 21), abs=0.5)
-    shares = [student.entropy_scale(config, share) for share in (0.0, 0.25, 0.5, 0.75, 1.0)]
-    assert shares == [0.5, 0.5, 1.0, 1.5, 1.5]
-    config.student.final_entropy_scale = None
-    assert student.entropy_scale(config, 1.0) == 0.5
 
 
 @pytest.mark.parametrize(("preset", "updates"), [("sac", 6), ("fast_sac", 2)])

@@ -15,11 +15,13 @@ from romgrl.algorithms.commanded_windows import CellWindows
 from romgrl.algorithms.conditioned_discriminator import ConditionedDiscriminator
 from romgrl.algorithms.conditioned_rom_grl import ConditionedRomGrl
 from romgrl.algorithms.discriminator_health import LASTING_ROWS, WATCHED, diagnose
+from romgrl.config.commanded import conditioned_keys
 from romgrl.config.schema import Config
 from romgrl.humanoid.command_checks import Array
 from romgrl.runtime.stage_log import StageLog
 from romgrl.stages.conditioned.cells import CommandCells
 from romgrl.stages.conditioned.curriculum import Curriculum
+from romgrl.stages.training.budget import over_the_middle
 from romgrl.stages.training.discriminator_watch import TOO_SHORT, health_setting
 
 BANDS_FILE = "health_by_band.json"
@@ -93,8 +95,13 @@ class CommandWatch:
         self.curriculum.take(info)
 
     def review(self, step: int, share: float) -> dict[str, float]:
-        """Open what is due after `step`, at a share of the training, and measure each band; numbers to log."""
+        """Open what is due after `step`, at a share of the training, and measure each band; numbers to log.
+
+        The weight of the task is that of this share of the training from then on, where it moves.
+        """
         learner = self._learner
+        if (final := conditioned_keys(self._config.student).final_eta) is not None:
+            learner.weigh_task(over_the_middle(self._config.eta, final, share))
         windows = learner.buffer.newest_windows(NEWEST)
         rewards = learner.imitation(windows)
         if self.curriculum.review(self.by_bin(windows, rewards), share, learner.relabelling.ranges):

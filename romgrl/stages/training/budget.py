@@ -9,6 +9,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 
+def over_the_middle(first: float, last: float | None, share: float) -> float:
+    """From `first` straight to `last` over the middle half of a training, at a share of it; None: as it was."""
+    return first if last is None else first + (last - first) * min(1.0, max(0.0, 2 * share - 0.5))
+
+
 @dataclass
 class Budget:
     """At most `total` environment steps and, where they are given, `minutes` of training; the first of the two ends it.
