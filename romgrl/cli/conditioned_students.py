@@ -114,7 +114,8 @@ def speed_begun_with(config: Config) -> Iterator[str]:
         usual = usual_cells(config)
         taught = {gait for gait, speed in usual if is_taught(speed, student.taught_step)}
         if cells := [cell for cell in usual if cell[0] in taught]:
-            CommandLimits.of(cells, student.standing_share).begun(config.speed, config.teacher.gait)
+            why = "as the student was taught" if student.pretrained else "as its library is asked for at most"
+            CommandLimits.of(cells, student.standing_share).begun(config.speed, config.teacher.gait, why)
     except ConfigurationError as error:
         yield str(error)
     except (RomgrlError, OSError):  # `other_libraries` says so, and what ships where it is asked for

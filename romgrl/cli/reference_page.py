@@ -35,8 +35,7 @@ def render() -> str:
 
 def group_section(group: str, keys: dict[str, Field[Any]], config: Config) -> str:
     """One group: what it is, its choices, and a table of its keys."""
-    doc = (type(getattr(config, group)) if group else Config).__doc__ or ""
-    lines = [f"## {group or 'Top level'}", "", " ".join(doc.split()), ""]
+    lines = [f"## {group or 'Top level'}", "", *docs_of(group, config), ""]
     for chosen in [group] if group else PRESETS:
         choices = sorted(path.stem for path in (CONF / chosen).glob("*.yaml"))
         lines += [f"Choices of `{chosen}`: {', '.join(choices)}.", ""] if choices else []
@@ -54,6 +53,20 @@ def group_section(group: str, keys: dict[str, Field[Any]], config: Config) -> st
             )
             rows.append(cells)
     return "\n".join([*lines, markdown_table(("key", "meaning", "unit", "values", "default"), rows)])
+
+
+def docs_of(group: str, config: Config) -> list[str]:
+    """What a group is; where it is one of several kinds, what each of them is, by the key that chooses it."""
+    entry = next((entry for entry in fields(Config) if entry.name == group), None)
+    kinds = entry.metadata.get("kinds", {}) if entry else {}
+    if len(kinds) < 2:
+        return [doc_of(type(getattr(config, group)) if group else Config)]
+    return [f"- `{kind_key(entry)}={kind}`: {doc_of(each)}" for kind, each in kinds.items()]
+
+
+def doc_of(group: type) -> str:
+    """The docstring of a group of keys, on one line."""
+    return " ".join((group.__doc__ or "").split())
 
 
 def kinds_with(key: str) -> str:

@@ -56,12 +56,12 @@ class CommandLimits:
         """Speed, a weight for each gait, and style: the command as a policy sees it."""
         return [asked.speed, *(float(gait == asked.gait) for gait in self.speeds), asked.style]
 
-    def begun(self, speed: float, preferred: str) -> AskedCommand:
+    def begun(self, speed: float, preferred: str, why: str = "as the student was taught") -> AskedCommand:
         """The command with which a walker begins at a speed, m/s: in the preferred gait where that has the speed, else
-        in the first that has. Raises ConfigurationError where none has."""
+        in the first that has. Raises ConfigurationError where none has, which says why these are all."""
         gaits = sorted(self.speeds, key=lambda gait: gait != preferred)
         for gait in gaits:
             low, high = self.speeds[gait]
             if (speed == 0 and self.stands) or low - RANGE_SLACK <= speed <= high + RANGE_SLACK:
                 return AskedCommand(speed, gait)
-        raise ConfigurationError(refusal("speed", speed, f"{self.text}, as the student was taught"))
+        raise ConfigurationError(refusal("speed", speed, f"{self.text}, {why}"))

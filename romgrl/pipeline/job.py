@@ -121,6 +121,8 @@ class Job:
             self.reused[stage] = manifest
         self.run.tags({f"romgrl.key.{stage}": directory.name, f"romgrl.run.{stage}": manifest.run_id or "untracked"})
         self.say(f"artifact: {directory}", f"mlflow run: {manifest.run_id or 'none'}")
+        if self.config.stage in STAGES:
+            STAGES[self.config.stage].foresee(stage, self.config, directory)
 
     def fetched(self, stage: str, directory: Path) -> bool:
         """Take the artifact of a stage from the tracking server, where that is allowed and it has one."""

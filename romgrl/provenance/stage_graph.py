@@ -25,7 +25,9 @@ class Stage:
     line that stands there where another stage was asked for. `beside`: what ships trained and is compared with.
     `drawn`: it makes pictures. `optional`: it is made only where it is asked for by name, or read. `fetched`: it may
     come from a tracking server, which no code is taken from. `conditioned`: the stages that it reads in place of
-    `upstream` where the student is conditioned; None: it knows of no such student. `commanded`, `asked_of`: what makes
+    `upstream` where the student is conditioned; None: it knows of no such student. `foresees`: by a stage that it
+    reads, module:function of configuration and directory that raises ConfigurationError where that is finished and says
+    that this one will refuse what it is asked for. `commanded`, `asked_of`: what makes
     it and what it depends on there, in place of `function` and `depends`, where these differ; `asks`: what it depends
     on beside that.
     """
@@ -47,6 +49,7 @@ class Stage:
     commanded: str | None = None
     asked_of: tuple[str, ...] | None = None
     asks: tuple[str, ...] = ()
+    foresees: Mapping[str, str] = field(default_factory=dict)
 
     def made_by(self, *, conditioned: bool) -> str:
         """The module:function that makes it, with a student that is conditioned or not."""
@@ -64,6 +67,11 @@ class Stage:
         """The numbers of a run whose artifact lies in a directory."""
         return {} if self.metrics is None else load_function(self.metrics)(directory)
 
+    def foresee(self, upstream: str, config: Config, directory: Path) -> None:
+        """Raise ConfigurationError where this stage will refuse what it is asked for, by a finished upstream one."""
+        if upstream in self.foresees:
+            load_function(self.foresees[upstream])(config, directory)
+
     def shown(self, directory: Path, *, asked: bool) -> list[Any]:
         """What ends a job on the terminal, for rich to print, and lines; asked: for this stage by name."""
         if self.briefly is not None and not asked:
@@ -74,7 +82,7 @@ class Stage:
 BODY = ("humanoid.xml", "humanoid.skeleton", "humanoid.height", "humanoid.mass", "humanoid.control_frequency")
 STAGES: dict[str, Stage] = {
     "teacher": Stage(
-        "PPO learns a gait on the reduced-order model",
+        "PPO or CMA-ES finds a gait on the reduced-order model",
         "romgrl.stages.teacher:run",
         (),
         ("rom", "teacher", *BODY, "seed", "device"),
@@ -171,6 +179,7 @@ STAGES: dict[str, Stage] = {
         fetched=False,
         conditioned=("student", "library"),
         asks=("speed", "teacher.gait", "student.taught_step", "student.standing_share", "reference.steps"),
+        foresees={"library": "romgrl.stages.conditioned.asked_at_first:require_first_command"},
     ),
 }
 ACTIONS = {

@@ -10,7 +10,7 @@ import pandas as pd
 from romgrl.gait.measures import MEASURES
 from romgrl.report.command_grid import ERROR, GRID_MEASURES, GridTables, Verdict, measured_text, verdicts
 from romgrl.report.cost_over_speed import cost_over_speed
-from romgrl.report.grid_tables import WALKER_ORDER
+from romgrl.report.grid_tables import GRID_LABELS
 from romgrl.report.numbers import significant
 from romgrl.report.ramp_strides import RampStrides
 from romgrl.report.tables import definitions, markdown
@@ -105,7 +105,7 @@ def transition_table(transitions: pd.DataFrame) -> pd.DataFrame:
 def verdict_table(found: Sequence[Verdict]) -> pd.DataFrame:
     """Verdicts for reading."""
     rows = [(each.question, each.bar, *each.values, each.mark) for each in found]
-    return pd.DataFrame(rows, columns=["of the student", "bar", *WALKER_ORDER, "verdict"])
+    return pd.DataFrame(rows, columns=["of the student", "bar", *GRID_LABELS.values(), "verdict"])
 
 
 def grid_numbers_table(student: pd.DataFrame) -> pd.DataFrame:

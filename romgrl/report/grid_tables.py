@@ -16,13 +16,13 @@ from romgrl.report.terminal_tables import Rows, number, read_rows, result_metric
 
 GRID_FILE = "grid.json"
 BARS: dict[str, tuple[str, float, str]] = {
-    "speed_held_percent": ("at least", 90.0, "cells whose speed is held within max(0.1 m/s, 5 %)"),
-    "most_falls_percent": ("at most", 1.0, "falls in the cell with the most"),
+    "speed_held_percent": ("at least", 90.0, "cells whose speed is held within max(0.1 m/s, 5 %) [%]"),
+    "most_falls_percent": ("at most", 1.0, "falls in the cell with the most [%]"),
     "error_over_specialist": ("at most", 1.5, "error over that of a student of one speed, largest"),
     "held_out_over_neighbours": ("at most", 1.3, "error at a speed that is not taught over its neighbours', largest"),
-    "mmd_diagonal_percent": ("at least", 100.0, "cells whose nearest reference by MMD is their own"),
-    "gait_obeyed_percent": ("at least", 95.0, "episodes of the gait asked for, the gait with the fewest"),
-    "transition_falls_percent": ("at most", 2.0, "falls in the transition, or on the ramp, with the most"),
+    "mmd_diagonal_percent": ("at least", 100.0, "cells whose nearest reference by MMD is their own [%]"),
+    "gait_obeyed_percent": ("at least", 95.0, "episodes of the gait asked for, the gait with the fewest [%]"),
+    "transition_falls_percent": ("at most", 2.0, "falls in the transition, or on the ramp, with the most [%]"),
     "cadence_spearman": ("at least", 0.95, "rank correlation of cadence and speed, the gait with the least"),
 }
 """Of the student: which way, how much, of what."""
@@ -48,6 +48,8 @@ SHOWN_TRANSITIONS = {
 OTHERS = {"baseline": "baseline", "teacher": "floor", "sinusoid": "sinusoid"}
 """Whose error over variance stands beside the student's."""
 WALKER_ORDER = ("student", "baseline", "teacher")
+GRID_LABELS = {"student": "student", "baseline": "baseline", "teacher": "reference"}
+"""What they are called where people read: of the teachers, what counts is the references that are kept in a library."""
 VERDICTS = {True: "reached", False: "missed", None: "not measured"}
 
 
@@ -131,7 +133,7 @@ def bars_table(found: Mapping[str, Any]) -> Table:
     """One row per bar; below what the ramp came to, and the bars_verdict."""
     table = Table(title="What a student of every speed is asked for", title_justify="left")
     table.add_column("number")
-    for label in (*WALKER_ORDER[:2], "reference"):
+    for label in GRID_LABELS.values():
         table.add_column(escape(label), justify="right")
     table.add_column("bar", justify="right", no_wrap=True)
     table.add_column("", no_wrap=True)

@@ -11,6 +11,7 @@ import numpy as np
 
 from romgrl.gait import human_bands
 from romgrl.gait.features import Floats
+from romgrl.gait.measures import MEASURES
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -116,8 +117,16 @@ def band_curve(measure: str, table: pd.DataFrame) -> tuple[Floats, Floats, Float
 
 
 def said_of(fit: bool, reason: str, values: Mapping[str, float], gait: str) -> str:
-    """Why a cell is refused, or which human bands it leaves; values: the numbers of its row."""
+    """Why a cell is refused, or which human bands it leaves, where there are any; values: the numbers of its row."""
     if not fit:
         return reason
-    off = human_bands.outside(values, values["speed_m_per_s"], human_bands.COMPARED_WITH.get(gait, ()))
-    return f"yes; not human: {', '.join(off)}" if off else "yes"
+    speed, gaits = values["speed_m_per_s"], human_bands.COMPARED_WITH.get(gait, ())
+    if not human_bands.bands(speed, gaits):
+        return "yes; no human bands here"
+    off = human_bands.outside(values, speed, gaits)
+    return f"yes; not human: {', '.join(map(band_label, off))}" if off else "yes"
+
+
+def band_label(measure: str) -> str:
+    """What a measure that has human bands is called, without its unit."""
+    return MEASURES[measure].label if measure in MEASURES else MEASURED_CELLS[measure].partition(" [")[0]

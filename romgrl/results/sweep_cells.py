@@ -16,6 +16,7 @@ from romgrl.gait.features import CHANNELS
 from romgrl.gait.measures import SWEPT
 from romgrl.gait.null_models import AVERAGE, MEAN_ERROR, OVER_VARIANCE, REDUCTIONS, SCORED
 from romgrl.report.grid_tables import evaluation_metrics, is_grid
+from romgrl.report.library_table import library_metrics
 from romgrl.report.terminal_tables import result_metrics, robustness_metrics, with_falls
 from romgrl.results.claims import TOO_FEW, compare
 from romgrl.results.evaluation_index import (
@@ -51,6 +52,7 @@ NUMBERS = [
     *(f"{OVER_VARIANCE}/{channel}/{walker}" for channel in CHANNELS for walker in COMPARED),
     *(f"{walker}/{name}" for walker in SUMMARISED for name in (*SWEPT, TOUCHDOWNS)),
     "student/stride_frequency_deviation_percent",
+    *("library/cells", "library/fit_percent", "library/largest_multiplier"),
 ]
 
 
@@ -109,7 +111,10 @@ def result(sweep: Sweep, job: list[str], outputs: Path, known: Catalogue) -> Job
             return JobResult(swept, end, evaluation.numbers, evaluation, short=short)
         if "teacher" in places:
             short = short_budgets(manifest_of(places["teacher"]).config, sweep.usual)
-            return JobResult(swept, end, with_falls(result_metrics(places["teacher"])), short=short)
+            numbers = with_falls(result_metrics(places["teacher"]))
+            if "library" in places:
+                numbers |= {f"library/{name}": value for name, value in library_metrics(places["library"]).items()}
+            return JobResult(swept, end, numbers, short=short)
     except ArtifactError as error:
         return JobResult(swept, end, {}, error=str(error).replace(f"{outputs}/", ""))
     return JobResult(swept, end, {})

@@ -45,6 +45,9 @@ TEACHER_COLUMNS = {
     "teacher/stride_frequency_hz": "strides [Hz]",
     "teacher/duty_factor": "duty factor",
     "teacher/pelvis_excursion_m": "excursion [m]",
+    "library/cells": "cells",
+    "library/fit_percent": "fit cells [%]",
+    "library/largest_multiplier": "largest multiplier",
 }
 DRAWN = {"student/falls_percent", "teacher/falls_percent"}
 
@@ -96,6 +99,7 @@ def joint_table(cells: pd.DataFrame) -> str:
         return "No job has numbers to compare.\n"
     keys = [name for name in cells.columns[: list(cells.columns).index("number")] if name != SEED_KEY]
     columns = TABLE_COLUMNS if of_students(cells) else TEACHER_COLUMNS
+    columns = {name: label for name, label in columns.items() if of_students(cells) or name in set(cells.number)}
     rows = []
     several = cells["group"].nunique() > 1
     for values, cell in cells.groupby([*keys, "group"], sort=False):
@@ -103,7 +107,7 @@ def joint_table(cells: pd.DataFrame) -> str:
         row: dict[str, Any] = dict(zip(keys, values[:-1], strict=True))
         row |= {"these seeds": values[-1]} if several else {}
         for measure, label in columns.items():
-            row[label] = written(by_number.loc[measure]) if measure in by_number.index else "-"
+            row[label] = written(by_number.loc[measure]) if measure in by_number.index else UNKNOWN
         if "average/aligned/student" in by_number.index:
             errors: Any = by_number.loc["average/aligned/student"]
             row["P(better than baseline)"] = written(errors, "improvement")

@@ -69,6 +69,8 @@ class VariableLegParameters(SpringLegParameters):
     See cpp/rom/leg_motor.hpp for the equations, and the configuration group `rom` for the keys.
     """
 
+    engine: Engine = "native"
+    foot_mass: float = 0.82
     retraction: float = 0.0  # the motors lift the feet
     extension_limit: float = 1.15  # above longest_rest: a leg that pushes ends on its spring, not on a stop
     motor_force: float = _default("motor_force")

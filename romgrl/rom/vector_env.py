@@ -87,6 +87,8 @@ class SpringLegVectorEnv(VectorEnv[Array, Array, Array]):
         if render_mode not in (None, "rgb_array"):
             raise ValueError(f"render_mode {render_mode!r} is neither None nor 'rgb_array'")
         self.parameters = self.default_parameters() if parameters is None else parameters
+        if not isinstance(self.parameters, self.default_parameters):
+            raise ValueError(f"parameters are {type(self.parameters).__name__}, not {self.default_parameters.__name__}")
         core = core_parameters(
             self.parameters,
             speed=speed,

@@ -103,6 +103,8 @@ def draw_ramp(report: GridReport, output: Path, log: StageLog, *, filmed: bool) 
         if camera.remark:
             log.message(camera.remark)
         picture = poster([ramp_film.middle(camera.frame(state)) for state in poses])
+        if filmed and strides.upright < 2:
+            log.message("no film of the ramp: it fell as it began")
         if not filmed or strides.upright < 2:
             return picture, []
         try:

@@ -146,8 +146,8 @@ def test_held_out_speeds_are_open_and_a_click_plays_them(made: Made) -> None:
 
 def test_matrices_transitions_and_verdicts(made: Made) -> None:
     (shares,) = made.charts["confusion"]["figure"]["data"]
-    assert (shares["x"], shares["y"]) == (["walk", "run", "none"], ["run", "walk"])  # neither asked for nor seen: out
-    np.testing.assert_allclose(shares["z"], [[0, 200 / 3, 100 / 3], [93.75, 6.25, 0]], atol=1e-3)
+    assert (shares["x"], shares["y"]) == (["run", "walk", "none"], ["run", "walk"])  # neither asked for nor seen: out
+    np.testing.assert_allclose(shares["z"], [[200 / 3, 0, 100 / 3], [6.25, 93.75, 0]], atol=1e-3)
     _, nearest = made.charts["mmd"]["figure"]["data"]
     assert nearest["x"] == ["run 2", "run 2", "run 4", "walk 1", "walk 2"]
     assert nearest["y"] == ["run 2", "run 3", "run 4", "walk 1", "walk 2"]

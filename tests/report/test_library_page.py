@@ -178,8 +178,9 @@ def test_bands_are_known_between_the_speeds_of_people() -> None:
 def test_a_hop_is_not_compared_with_walks_and_runs() -> None:
     values = {"speed_m_per_s": 4.0, "stride_frequency_hz": 3.0, "steady_speed_m_per_s": 4.0, "duty_factor": 0.3}
     values |= {"pelvis_excursion_m": 0.08}
-    assert said_of(True, "", values, "run") == "yes; not human: stride_frequency_hz, stride_length_m"
-    assert said_of(True, "", values, "hop") == "yes"
+    assert said_of(True, "", values, "run") == "yes; not human: stride frequency, stride length"
+    assert said_of(True, "", values, "hop") == "yes; no human bands here"
+    assert said_of(True, "", values | {"stride_frequency_hz": 1.6}, "run") == "yes"
 
 
 @pytest.mark.parametrize("gaits", [("run",), ("walk", "run")])

@@ -108,7 +108,7 @@ def test_a_range_that_is_none_is_named(name: str, value: object) -> None:
 
 def test_parameters_of_another_type_are_named() -> None:
     for value in ({}, {"mass": 70.0}, 3):
-        with pytest.raises(ValueError, match=r"^parameters .* are no SpringLegParameters$"):
+        with pytest.raises(ValueError, match=r"^parameters are .*, not SpringLegParameters$"):
             SpringLegVectorEnv(parameters=value)
 
 

@@ -287,7 +287,7 @@ def test_a_conditioned_student_reads_the_library_and_has_a_key_of_its_own(compos
         own = {name for name in stage_settings(stage, config) if name not in usual and name.startswith("student.")}
         assert len(own) == 12
         silent = {f"student.{name}" for name in ("mismatched_share", "mismatch_distance", "stratify")}
-        silent |= {"student.standardize_by_command"}
+        silent |= {"student.standardize_by_command", "student.final_eta"}
         for name in own - {"student.kind"}:
             value = value_of(config, name)
             changed = [1.0, 2.0] if isinstance(value, list) else not value if isinstance(value, bool) else 0.25

@@ -157,4 +157,4 @@ def test_the_table_says_what_is_not_human(tmp_path: Path) -> None:
     assert library_metrics(tmp_path) == {"cells": 2.0, "fit_percent": 50.0, "largest_multiplier": 0.4}
     (table,) = library_tables(tmp_path)
     said = [*table.columns[-1].cells]
-    assert said == ["yes; not human: stride_frequency_hz, stride_length_m", "the reference hops"]
+    assert said == ["yes; not human: stride frequency, stride length", "the reference hops"]

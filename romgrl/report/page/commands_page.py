@@ -21,7 +21,7 @@ from romgrl.report.grid_markdown import (
     ramp_said,
     transition_table,
 )
-from romgrl.report.grid_tables import WALKER_ORDER
+from romgrl.report.grid_tables import GRID_LABELS, WALKER_ORDER
 from romgrl.report.page import tables as origins
 from romgrl.report.page.charts import Chart
 from romgrl.report.page.command_charts import gaits_seen, grid_charts, matrix_charts, ramp_charts
@@ -86,7 +86,7 @@ def write_commands_page(path: Path, report: GridReport, *, film: str | None, fil
         setting=grid_setting(tables, report.seed),
         colors=COLORS,
         labels=WALKER_LABELS,
-        short={"student": "student", "baseline": "baseline", "teacher": "reference"},
+        short=GRID_LABELS,
         signs=GAIT_SIGNS,
         walkers=walkers,
         gaits=[line.gait for line in lines],

@@ -20,3 +20,8 @@ def read_command_limits(library: Path, config: Config) -> CommandLimits:
 def first_command(limits: CommandLimits, config: Config) -> AskedCommand:
     """At `speed`, in the gait of the teacher where that has it. Raises ConfigurationError."""
     return limits.begun(config.speed, config.teacher.gait)
+
+
+def require_first_command(config: Config, library: Path) -> None:
+    """Raise ConfigurationError where a student of this library cannot be asked for `speed`."""
+    first_command(read_command_limits(library, config), config)

@@ -33,10 +33,14 @@ def read_grid_tables(directory: Path) -> GridTables:
 
 
 def read_confusion(path: Path) -> pd.DataFrame:
-    """How many of the student's episodes are of which gait, by the gait asked for; without gaits that are neither."""
+    """How many of the student's episodes are of which gait, by the gait asked for.
+
+    What was obeyed is the diagonal; after it come the gaits that are seen and were not asked for.
+    """
     table = read_table(path, ("walker", "asked"))
     counts = table[table.walker == "student"].drop(columns="walker").set_index("asked")
-    return counts[[name for name in counts if name in counts.index or counts[name].sum() > 0]]
+    others = [name for name in counts if name not in counts.index and counts[name].sum() > 0]
+    return counts[[*counts.index, *others]]
 
 
 def read_summary(path: Path) -> dict[str, Any]:
