@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Collection
 from pathlib import Path, PurePath
 
 from romgrl.artifacts.manifest import MANIFEST, FileRecord, Manifest, payload, read_manifest, record_file
@@ -11,12 +12,12 @@ from romgrl.errors import ArtifactError
 
 
 def open_artifact(
-    directory: Path, *, stage: str | None = None, key: str | None = None, needed: str | None = "*"
+    directory: Path, *, stage: str | None = None, key: str | None = None, needed: Collection[str] = ("*",)
 ) -> Manifest:
     """Verify SHA-256, size, dtypes and shapes of every file. Raises ArtifactError naming the first bad file.
 
-    `stage` and `key`: what it must have been made as; None: anything. `needed`: pattern of files that must be there;
-    None: none of them.
+    `stage` and `key`: what it must have been made as; None: anything. `needed`: patterns of files that must be
+    there.
     """
     manifest = read_manifest(directory)
     for name, made, expected in (("stage", manifest.stage, stage), ("key", manifest.key, key)):
@@ -26,7 +27,7 @@ def open_artifact(
         found = set(payload(directory))
         for name, record in manifest.files.items():
             if name not in found:
-                if needed is None or not PurePath(name).match(needed):
+                if not any(PurePath(name).match(pattern) for pattern in needed):
                     continue
                 raise ArtifactError(f"{directory / name}: missing")
             check_file(directory / name, record)

@@ -16,7 +16,7 @@ from romgrl.config.commanded import (
 from romgrl.config.schema import Config
 from romgrl.config.values import refusal, show, value_of
 from romgrl.errors import ConfigurationError, RomgrlError
-from romgrl.provenance.taught_cells import is_taught
+from romgrl.provenance.taught_cells import is_taught, too_far
 
 FOLLOWED = ("teacher", "reference", "library", "student", "baseline", *GRID_STAGES, "export", "watch", "sync")
 """The values of `stage` that a conditioned student has."""
@@ -35,6 +35,7 @@ CONDITIONED_KEYS = (
     "library.others",
     "student.pretrained",
     "eta",
+    "discriminator.enabled",
     "student.adapt_eta",
     "student.final_eta",
     *OF_ONE_SPEED,
@@ -62,8 +63,9 @@ def conditioned_student(config: Config) -> Iterator[str]:
     if (final := conditioned_keys(config.student).final_eta) is not None:
         if config.student.adapt_eta:
             yield refusal("student.final_eta", final, "null with student.adapt_eta=true, which steers eta")
-        elif config.eta == 1:
-            yield refusal("student.final_eta", final, "null with eta=1: there is no imitation to weigh")
+        elif config.eta == 1 or not config.discriminator.enabled:
+            off = "eta=1" if config.eta == 1 else "discriminator.enabled=false"
+            yield refusal("student.final_eta", final, f"null with {off}: there is no imitation to weigh")
     if config.student.pretrained and config.library.others is not None:
         yield refusal("library.others", config.library.others, "null with student.pretrained=true: its library ships")
     for key, needed in OF_ONE_SPEED.items():
@@ -86,21 +88,13 @@ def taught_by_library(config: Config) -> Iterator[str]:
     if len(usual) < 2 and config.teacher.speeds is None:
         yield refusal("teacher.speeds", None, "a range, or library.others, with student.kind=conditioned")
     elif not usual:
-        shares = config.library.stiffness_shares
-        yield refusal("library.stiffness_shares", shares, "with 1 among them, with student.kind=conditioned")
+        key = "teacher.stiffness_share" if config.teacher.stiffness_shares is None else "library.stiffness_shares"
+        yield refusal(key, value_of(config, key), "1, or with 1 among them, with student.kind=conditioned")
     elif not taught:
         speeds = ", ".join(f"{speed:g}" for _, speed in usual)
         yield refusal("student.taught_step", student.taught_step, f"a step with multiples among {speeds} m/s")
-    elif (
-        config.stage in ("student", *GRID_STAGES)
-        and config.discriminator.enabled
-        and config.eta < 1
-        and student.mismatched_share
-    ):
-        reach = min(max(10.0 if a != b else abs(v - w) for b, w in taught) for a, v in taught)
-        if reach < student.mismatch_distance - 1e-6:
-            permitted = f"at most {reach:g} m/s, how far each cell of the library has another; or mismatched_share 0"
-            yield refusal("student.mismatch_distance", student.mismatch_distance, permitted)
+    elif config.stage in ("student", *GRID_STAGES) and config.discriminator.enabled and config.eta < 1:
+        yield from filter(None, [too_far(student, taught)])
 
 
 def speed_begun_with(config: Config) -> Iterator[str]:

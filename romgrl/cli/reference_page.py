@@ -57,11 +57,11 @@ def group_section(group: str, keys: dict[str, Field[Any]], config: Config) -> st
 
 def docs_of(group: str, config: Config) -> list[str]:
     """What a group is; where it is one of several kinds, what each of them is, by the key that chooses it."""
-    entry = next((entry for entry in fields(Config) if entry.name == group), None)
-    kinds = entry.metadata.get("kinds", {}) if entry else {}
-    if len(kinds) < 2:
+    several = [entry for entry in fields(Config) if entry.name == group and len(entry.metadata.get("kinds", ())) > 1]
+    if not several:
         return [doc_of(type(getattr(config, group)) if group else Config)]
-    return [f"- `{kind_key(entry)}={kind}`: {doc_of(each)}" for kind, each in kinds.items()]
+    (entry,) = several
+    return [f"- `{kind_key(entry)}={kind}`: {doc_of(each)}" for kind, each in entry.metadata["kinds"].items()]
 
 
 def doc_of(group: type) -> str:

@@ -19,6 +19,12 @@ OF_JUMPING = ("teacher", "reference", "library")
 LARGEST_LIBRARY = 10_000  # cells
 OF_OTHERS = {"teacher.apex": 0.0, "teacher.apexes": None}
 OF_SEARCH = {"teacher.reward": "exponential", "teacher.command_steps": 0, "teacher.pretrained": False}
+SEARCH_KEYS = (
+    *("teacher.algorithm", "teacher.degree", "teacher.speeds", "teacher.apexes"),
+    *("teacher.population", "teacher.rollouts"),
+)
+MOST_WORLDS = 100_000
+"""That the C++ core steps together."""
 OF_COMMANDS = {"teacher.speeds": None, "teacher.work_cost": 0.0}
 STEPS = {"library.speed_step": "teacher.speeds", "library.apex_step": "teacher.apexes"}
 RANGES = {f"teacher.{name}": f"teacher.{of}" for name, of in COMMANDS.items()}
@@ -75,6 +81,9 @@ def of_search(config: Config) -> Iterator[str]:
         yield refusal("teacher.algorithm", "cmaes", f"ppo with rom.model={config.rom.model}")
     if teacher.degree > 1 and teacher.speeds is None and teacher.apexes is None:
         yield refusal("teacher.degree", teacher.degree, "1 without teacher.speeds and teacher.apexes")
+    if teacher.population * teacher.rollouts > MOST_WORLDS:
+        permitted = f"at most {MOST_WORLDS // teacher.population} with teacher.population={teacher.population}"
+        yield refusal("teacher.rollouts", teacher.rollouts, permitted)
     for key, usual in OF_SEARCH.items():
         if value_of(config, key) != usual:
             yield refusal(key, value_of(config, key), f"{show(usual)} with teacher.algorithm=cmaes")
@@ -126,7 +135,7 @@ RANGE_CHECKS = (
     (("teacher.command_steps", "teacher.speeds", "teacher.stiffness_shares"), commands_within_range),
     (("stage", "student.kind", "library.stiffness_shares", "teacher.stiffness_shares"), library_within_range),
     (("rom.model", *OF_MOTORS, *OF_COMMANDS), of_model),
-    (("teacher.algorithm", "rom.model", *OF_SEARCH), of_search),
+    ((*SEARCH_KEYS, "rom.model", *OF_SEARCH), of_search),
     (("stage", "teacher.gait", "teacher.algorithm", "teacher.speed", "teacher.speeds", *OF_OTHERS), of_jumps),
     (("stage", "student.kind", *STEPS, *STEPS.values()), size_of_library),
     (("teacher.pretrained", *RANGES.values()), trained_ranges),

@@ -68,7 +68,7 @@ class ConditionedStudent(Student):
         "references are taught at multiples of this speed alone; the others are never shown, only checked, though "
         "their speeds are asked for; null: all that are fit are taught",
         unit="m/s",
-        above=0,
+        low=1e-6,
         high=10,
     )
 

@@ -36,7 +36,7 @@ class Student:
         high=1e6,
     )
     num_envs: int = key("humanoids stepped together", low=1, high=100_000)
-    updates_per_step: float = key("critic updates per environment step", above=0, high=1000)
+    updates_per_step: float = key("critic updates per environment step", low=1e-6, high=1000)
     learning_starts: int = key("environment steps before the first update", low=0, high=10**12)
     batch_size: int = key("transitions per update", low=1, high=10**7)
     buffer_size: int = key("transitions kept", low=1, high=10**9)

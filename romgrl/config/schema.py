@@ -78,9 +78,9 @@ class Robustness:
 class Library:
     """References of one teacher over all that it learned (`stage=library`), each checked and measured."""
 
-    speed_step: float = key("between two speeds, multiples of it within teacher.speeds", unit="m/s", above=0, high=10)
+    speed_step: float = key("between two speeds, multiples of it within teacher.speeds", unit="m/s", low=1e-6, high=10)
     apex_step: float = key(
-        "between two apexes of jumps, multiples of it within teacher.apexes", unit="m", above=0, high=2, before=0.1
+        "between two apexes of jumps, multiples of it within teacher.apexes", unit="m", low=1e-6, high=2, before=0.1
     )
     stiffness_shares: list[float] = key(
         "stiffness of the legs, where the teacher has learned a range of it, shares of rom.stiffness", low=0.1, high=10

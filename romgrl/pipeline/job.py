@@ -140,8 +140,10 @@ class Job:
 
     def require_place(self, stage: str) -> None:
         """Raise ConfigurationError unless this user may make the artifact of a stage where it belongs."""
-        directory = self.directory(stage)
-        require_right(Path(self.config.paths.outputs) / "artifacts" / stage, f"{stage} is to be made")
+        directory, home = self.directory(stage), Path(self.config.paths.outputs) / "artifacts" / stage
+        if os.path.lexists(home) and not home.is_dir():
+            raise ArtifactError(f"{home}: is no directory; remove it, and the same command makes the {stage}")
+        require_right(home, f"{stage} is to be made")
         if directory is not None:
             workspace = Workspace(directory)
             for place in (directory, workspace.partial):

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from romgrl.config.schema import Config
 from romgrl.runtime.functions import load_function
 
 KNOBS = {"speed": "v", "eta": "eta", "noise": "noise", "seed": "s"}

@@ -103,8 +103,8 @@ def artifacts_behind(end: JobEnd, outputs: Path, known: Catalogue) -> Iterator[P
 def artifact_files(directory: Path) -> dict[str, bytes]:
     """The tables of an artifact and its manifest, which goes last: what a fault cuts short counts as missing."""
     manifest = read_manifest(directory)
-    pattern = KEPT_TABLES[manifest.stage]
-    names = [name for name in sorted(manifest.files) if pattern is not None and Path(name).match(pattern)]
+    patterns = KEPT_TABLES[manifest.stage]
+    names = [name for name in sorted(manifest.files) if any(Path(name).match(pattern) for pattern in patterns)]
     return {name: (directory / name).read_bytes() for name in [*names, MANIFEST]}
 
 

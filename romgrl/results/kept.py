@@ -12,14 +12,15 @@ KEPT_TEXT = """Numbers of sweeps: of each job the manifests of its artifacts and
 and rollouts. Written by `python -m romgrl.results.keep OUTPUTS DIRECTORY`; `python -m romgrl.results DIRECTORY docs`
 writes documents from it, as from the directory of results. Every table has the SHA-256 that its manifest says.
 """
-KEPT_TABLES = {
-    "teacher": "gait.csv",
-    "reference": None,
-    "student": "curve.csv",
-    "baseline": None,
-    "evaluation": "*.csv",
-    "robustness": "*.csv",
-}  # what is read of each stage besides its manifest, as a pattern
+KEPT_TABLES: dict[str, tuple[str, ...]] = {
+    "teacher": ("gait.csv",),
+    "reference": (),
+    "library": ("library.csv",),
+    "student": ("curve.csv",),
+    "baseline": (),
+    "evaluation": ("*.csv", "grid.json"),
+    "robustness": ("*.csv",),
+}  # what is read of each stage besides its manifest, as patterns
 
 
 def open_numbers(directory: Path, *, stage: str) -> Manifest:

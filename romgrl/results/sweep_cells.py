@@ -15,7 +15,7 @@ from romgrl.gait.distances import FLOOR
 from romgrl.gait.features import CHANNELS
 from romgrl.gait.measures import SWEPT
 from romgrl.gait.null_models import AVERAGE, MEAN_ERROR, OVER_VARIANCE, REDUCTIONS, SCORED
-from romgrl.report.grid_tables import evaluation_metrics, is_grid
+from romgrl.report.grid_tables import evaluation_metrics, grid_names, is_grid
 from romgrl.report.library_table import library_metrics
 from romgrl.report.terminal_tables import result_metrics, robustness_metrics, with_falls
 from romgrl.results.claims import TOO_FEW, compare
@@ -53,6 +53,7 @@ NUMBERS = [
     *(f"{walker}/{name}" for walker in SUMMARISED for name in (*SWEPT, TOUCHDOWNS)),
     "student/stride_frequency_deviation_percent",
     *("library/cells", "library/fit_percent", "library/largest_multiplier"),
+    *grid_names(),
 ]
 
 

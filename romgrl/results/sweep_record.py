@@ -119,7 +119,9 @@ def public_words(words: Sequence[str]) -> list[str]:
 
 
 def last_part(text: str) -> str:
-    """The name at the end of an absolute path, any other text as it is."""
+    """The name at the end of an absolute path, and of each of a list; any other text as it is."""
+    if text.startswith("[") and text.endswith("]"):
+        return f"[{','.join(last_part(each.strip()) for each in text[1:-1].split(','))}]"
     return Path(text).name if text.startswith("/") else text
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import pandas as pd
 
+from romgrl.report.grid_tables import BARS
 from romgrl.report.numbers import UNKNOWN, significant
 from romgrl.report.tables import markdown
 from romgrl.results.against_student import write_against_student
@@ -50,6 +51,9 @@ TEACHER_COLUMNS = {
     "library/largest_multiplier": "largest multiplier",
 }
 DRAWN = {"student/falls_percent", "teacher/falls_percent"}
+
+
+BAR_COLUMNS = {f"grid/{name}/student": meaning for name, (_, _, meaning) in BARS.items()}
 
 
 def write_joint(sweep: Sweep, outputs: Path) -> Path:
@@ -98,8 +102,8 @@ def joint_table(cells: pd.DataFrame) -> str:
     if cells.empty:
         return "No job has numbers to compare.\n"
     keys = [name for name in cells.columns[: list(cells.columns).index("number")] if name != SEED_KEY]
-    columns = TABLE_COLUMNS if of_students(cells) else TEACHER_COLUMNS
-    columns = {name: label for name, label in columns.items() if of_students(cells) or name in set(cells.number)}
+    others = {name: label for name, label in (TEACHER_COLUMNS | BAR_COLUMNS).items() if name in set(cells.number)}
+    columns = TABLE_COLUMNS if of_students(cells) else others
     rows = []
     several = cells["group"].nunique() > 1
     for values, cell in cells.groupby([*keys, "group"], sort=False):

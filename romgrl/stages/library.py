@@ -56,7 +56,7 @@ def run(config: Config, inputs: Mapping[str, Path], output: Path, log: StageLog)
     kept.mkdir(exist_ok=True)
     rows, arrays = [], []
     for number, at in enumerate(cells):
-        found = finished_cell(kept / f"cell_{number:04d}.npz")
+        found = finished_cell(kept / f"cell_{number:04d}.npz", at)
         if found is None:
             found = make_cell(at, inputs["teacher"])
             save_arrays(kept / f"cell_{number:04d}.npz", found)
@@ -84,12 +84,25 @@ def tell_unfit(row: Mapping[str, Any], log: StageLog) -> None:
         log.message(f"{row['gait']} at {row['speed_m_per_s']:g} m/s is not fit to be imitated: {row['reason']}")
 
 
-def finished_cell(path: Path) -> Cell | None:
-    """What an interrupted attempt left of a cell; None where there is nothing, or nothing whole."""
+def finished_cell(path: Path, config: Config) -> Cell | None:
+    """What an interrupted attempt left of a cell; None where there is nothing, nothing whole, or another cell."""
     try:
-        return load_arrays(path) if path.is_file() else None
+        found = load_arrays(path) if path.is_file() else {}
     except ArtifactError:
-        return None
+        found = {}
+    row = json.loads(str(found["row"])) if "row" in found else {}
+    return found if asked_of(config).items() <= row.items() else None
+
+
+def asked_of(config: Config) -> dict[str, Any]:
+    """What a cell is asked for: how its row begins."""
+    teacher = config.teacher
+    return {
+        "gait": teacher.gait,
+        "speed_m_per_s": teacher.speed,
+        "stiffness_share": teacher.stiffness_share,
+        "apex_m": teacher.apex,
+    }
 
 
 def make_cell(config: Config, teacher: Path) -> Cell:
@@ -132,11 +145,7 @@ def check_apexes(row: Mapping[str, float]) -> None:
 def cell_row(config: Config, gait: Gait, told: Config, teacher: Path) -> dict[str, Any]:
     """A row of library.csv; `told`: the configuration that the teacher was told for this cell."""
     parameters, footfall = rom_parameters(config), FOOTFALLS[config.teacher.gait]
-    row: dict[str, Any] = {
-        "gait": config.teacher.gait,
-        "speed_m_per_s": config.teacher.speed,
-        "stiffness_share": config.teacher.stiffness_share,
-        "apex_m": config.teacher.apex,
+    row = asked_of(config) | {
         "told_speed_m_per_s": told.teacher.speed,
         "told_apex_m": told.teacher.apex,
         "fit": True,

@@ -233,7 +233,7 @@ FILES = (
           "experiment/mine.yaml": "# @package _global_\nrom: {stifness: 1}\n"}),
 )  # fmt: skip
 
-OF_SEARCHES = ("reward=forward_velocity", "degree=2", "pretrained=true")
+OF_SEARCHES = ("reward=forward_velocity", "degree=2", "pretrained=true", "rollouts=9000")
 MISFITS = (
     ("evaluation.window", "evaluation.window=400"),
     ("evaluation.window", "reference.episodes=25"),
@@ -261,8 +261,8 @@ MISFITS = (
     ("teacher.gait", "teacher=jumping"),
     ("teacher.speed", "stage=teacher teacher=jumping teacher.speed=1"),
     ("teacher.speeds", "stage=library teacher=jumping teacher.speeds=[0,1]"),
-    ("library.apex_step", "stage=library teacher=jumping library.apex_step=1e-9"),
-    ("library.speed_step", "stage=library teacher=hopping library.speed_step=1e-300"),
+    ("library.apex_step", "stage=library teacher=jumping library.apex_step=1e-5"),
+    ("library.speed_step", "stage=library teacher=hopping library.speed_step=1e-5"),
     ("teacher.apex", "stage=teacher teacher=jumping teacher.apexes=null teacher.apex=0"),
     ("teacher.apexes", "stage=teacher teacher=jumping teacher.apexes=[0,0.5]"),
     ("teacher.gait", "stage=teacher rom=variable_leg teacher.gait=jump teacher.apex=0.3"),

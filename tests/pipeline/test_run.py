@@ -17,8 +17,9 @@ from rich.console import Console
 
 from romgrl.artifacts import open_artifact
 from romgrl.config.schema import STAGES, Config
-from romgrl.errors import ArtifactError, DivergenceError
+from romgrl.errors import ArtifactError, ConfigurationError, DivergenceError
 from romgrl.pipeline import run as pipeline
+from romgrl.provenance import stage_graph
 from tests.conftest import Composer
 from tests.helpers.jobs import ROOT, Command, start, trainings
 from tests.helpers.limits import LONG, PATIENCE
@@ -56,6 +57,33 @@ def test_all_stages_run_once_and_are_described(quiet: Config) -> None:
     assert evaluation.inputs["student"] == open_artifact(finished["student"]).digest
     assert evaluation.config["evaluation.episodes"] == quiet.evaluation.episodes
     assert "Error against the reference (m^2)" in text
+
+
+@pytest.mark.usefixtures("fakes")
+def test_what_a_finished_stage_says_of_the_last_one_ends_a_job_at_once(
+    quiet: Config, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(config: Config, directory: Path) -> None:
+        raise ConfigurationError(f"speed: {config.speed} is not allowed; allowed: what {directory.parent.name} says")
+
+    monkeypatch.setattr(stage_graph, "load_function", lambda name: refuse)
+    monkeypatch.setitem(
+        stage_graph.STAGES, "robustness", replace(stage_graph.STAGES["robustness"], foresees={"teacher": "a:b"})
+    )
+    with pytest.raises(ConfigurationError, match=r"what teacher says"):
+        run(replace(quiet, stage="robustness"))
+    assert [path.name for path in (Path(quiet.paths.outputs) / "artifacts").iterdir() if path.is_dir()] == ["teacher"]
+
+
+@pytest.mark.usefixtures("fakes")
+def test_a_file_in_the_place_of_a_stage_is_told_before_any_work(quiet: Config) -> None:
+    artifacts = Path(quiet.paths.outputs) / "artifacts"
+    artifacts.mkdir(parents=True)
+    (artifacts / "student").write_text("mine", encoding="utf-8")
+    with pytest.raises(ArtifactError, match=r"artifacts/student: is no directory; remove it"):
+        run(quiet)
+    assert not (artifacts / "teacher").exists()
+    assert (artifacts / "student").read_text(encoding="utf-8") == "mine"
 
 
 @pytest.mark.usefixtures("fakes")

@@ -15,9 +15,20 @@ from romgrl.results.sweep_record import (
     JobEnd,
     note_end,
     position,
+    public_words,
     sweeps,
     write_sweep,
 )
+
+
+def test_places_of_files_are_left_out_of_lists_too() -> None:
+    words = [
+        "library.others=[/home/me/a/walk, /home/me/b]",
+        "eta=0.3",
+        "paths.outputs=/home/me",
+        "robustness.mass=[1,2]",
+    ]
+    assert public_words(words) == ["library.others=[walk,b]", "eta=0.3", "robustness.mass=[1,2]"]
 
 
 def test_the_places_of_a_sweep_are_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,8 +12,9 @@ import pytest
 from matplotlib.figure import Figure
 
 from romgrl.config.schema import Config
+from romgrl.report.grid_tables import BARS
 from romgrl.results import statistics, sweep_cells, sweep_tables
-from romgrl.results.sweep_cells import cells_table, headline_jobs, jobs_table, results
+from romgrl.results.sweep_cells import JobResult, cells_table, headline_jobs, jobs_table, results
 from romgrl.results.sweep_figures import figures
 from romgrl.results.sweep_record import (
     SWEEP_VARIABLE,
@@ -27,7 +28,7 @@ from romgrl.results.sweep_record import (
     sweeps,
     write_sweep,
 )
-from romgrl.results.sweep_tables import write_joint
+from romgrl.results.sweep_tables import joint_table, write_joint
 from tests.results.chains import changed, finish
 
 
@@ -82,6 +83,19 @@ def test_a_row_per_cell_with_its_statistics(default_config: Config, tmp_path: Pa
     assert "| 84.5 (84 to 85) |" in row  # 1 - 0.016 / 0.1, 0.017 / 0.11 and 0.018 / 0.12
     assert row.endswith("| 1 | 0.125 | 3 | too few seeds |")
     assert "Students of seeds 0, 1, 2 (chose the settings); [ ] the 95 % interval" in text
+
+
+def test_libraries_and_grids_have_columns_of_their_own() -> None:
+    numbers = {"library/cells": 39.0, "library/fit_percent": 50.0, "teacher/falls_percent": 1.0}
+    grid = {"grid/speed_held_percent/student": 88.0, "grid/cadence_spearman/student": 0.9}
+    for own, head in (
+        (numbers, ["falls [%]", "cells", "fit cells [%]"]),
+        (grid, [BARS["speed_held_percent"][2], BARS["cadence_spearman"][2]]),
+    ):
+        job = JobResult({"seed": "0"}, JobEnd(["seed=0"]), own)
+        text = joint_table(cells_table([job]))
+        assert text.splitlines()[0] == "| " + " | ".join([*head, "seeds", "note"]) + " |"
+        assert "| 1 | one seed |" in text
 
 
 def test_two_keys_have_a_map_and_one_seed_is_told(default_config: Config, tmp_path: Path) -> None:

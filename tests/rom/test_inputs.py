@@ -10,7 +10,7 @@ import pytest
 
 from romgrl.config.worlds import SpringLeg
 from romgrl.rom import _core
-from romgrl.rom.env import SpringLegEnv
+from romgrl.rom.env import SpringLegEnv, VariableLegEnv
 from romgrl.rom.parameters import SpringLegParameters
 from romgrl.rom.parameters import core_parameters as translated
 from romgrl.rom.vector_env import SpringLegVectorEnv
@@ -110,6 +110,12 @@ def test_parameters_of_another_type_are_named() -> None:
     for value in ({}, {"mass": 70.0}, 3):
         with pytest.raises(ValueError, match=r"^parameters are .*, not SpringLegParameters$"):
             SpringLegVectorEnv(parameters=value)
+
+
+def test_legs_with_motors_are_not_without_them() -> None:
+    with pytest.raises(ValueError, match=r"^parameters are SpringLegParameters, not VariableLegParameters$"):
+        VariableLegEnv(parameters=SpringLegParameters())
+    assert VariableLegEnv().parameters.engine == "native"
 
 
 @pytest.mark.parametrize("make", [SpringLegVectorEnv, SpringLegEnv])

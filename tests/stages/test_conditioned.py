@@ -14,8 +14,6 @@ from romgrl.algorithms.commanded_windows import WindowColumns
 from romgrl.algorithms.conditioned_rom_grl import CommandedBuffer
 from romgrl.algorithms.relabelling import Relabelling
 from romgrl.algorithms.sac import load_sac_policy
-from romgrl.cli.conditioned_students import conditioned_student
-from romgrl.cli.consistency import misfits
 from romgrl.config.commanded import conditioned_keys
 from romgrl.config.values import value_of
 from romgrl.errors import ArtifactError
@@ -227,50 +225,6 @@ def test_the_baseline_is_asked_for_the_same_and_has_no_discriminator(
     student.run(config, {"library": library}, tmp_path, log)
     assert not [name for name in log.rows[-1][1] if "discriminator" in name or "imitation" in name]
     assert "command.run" in load_sac_policy(tmp_path / "policy.safetensors").names
-
-
-@pytest.mark.parametrize(
-    "override",
-    [
-        *(f"stage={stage}" for stage in ("robustness", "verify")),
-        "student.end_early=true",
-        "student.second_try=true",
-        "discriminator.imitated=sinusoid",
-        "discriminator.reward=stored",
-        "discriminator.loss=wasserstein",
-    ],
-)
-def test_what_knows_one_speed_refuses_it_in_one_line(override: str, compose_config: Composer) -> None:
-    (line,) = conditioned_student(compose_config("experiment=every_speed", override))
-    key, value = override.split("=")
-    assert line.startswith(f"{key}: {value} is not allowed; allowed: ")
-    assert "with student.kind=conditioned" in line
-    assert not [*conditioned_student(compose_config(override))]
-
-
-@pytest.mark.parametrize(
-    ("key", "overrides"),
-    [
-        ("teacher.speeds", "student=conditioned stage=baseline"),
-        ("library.others", "experiment=every_gait library.others=[/no/such/place]"),
-        ("library.stiffness_shares", "experiment=every_speed library.stiffness_shares=[0.7,1.2]"),
-        ("library.speed_step", "experiment=every_speed library.speed_step=1e-9"),
-        ("student.taught_step", "experiment=every_speed student.taught_step=9"),
-        ("student.mismatch_distance", "experiment=every_speed student.mismatch_distance=2"),
-    ],
-)
-def test_a_library_that_cannot_teach_is_refused_before_it_is_made(
-    key: str, overrides: str, compose_config: Composer
-) -> None:
-    (line,) = misfits(compose_config(*overrides.split()))
-    assert line.startswith(f"{key}: ")
-    assert "is not allowed; allowed: " in line
-
-
-@pytest.mark.parametrize("reason", ["student.adapt_eta=true", "eta=1"])
-def test_a_weight_that_nothing_reads_is_refused(reason: str, compose_config: Composer) -> None:
-    (line,) = misfits(compose_config("experiment=every_speed", "student.final_eta=0.3", reason))
-    assert line.startswith(f"student.final_eta: 0.3 is not allowed; allowed: null with {reason}")
 
 
 def test_a_conditioned_student_reads_the_library_and_has_a_key_of_its_own(compose_config: Composer) -> None:

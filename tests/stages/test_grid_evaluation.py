@@ -30,7 +30,7 @@ from romgrl.report.grid_tables import evaluation_metrics, evaluation_tables, gri
 from romgrl.runtime.stage_log import SilentLog
 from romgrl.stages import grid_evaluation
 from romgrl.stages.conditioned import asked_episodes, grid_cells, transitions
-from romgrl.stages.conditioned.asked_episodes import Asked, blocks, command_table
+from romgrl.stages.conditioned.asked_episodes import Asked, blocks, command_table, made_once
 from romgrl.stages.conditioned.cells import CommandCells, read_command_cells
 from romgrl.stages.conditioned.grid_cells import GridCells
 from romgrl.stages.conditioned.grid_summary import diagonal_percent
@@ -233,6 +233,21 @@ def test_the_ramp_is_cut_into_speeds_asked_for(cells: CommandCells) -> None:
     np.testing.assert_allclose(rows.stride_frequency_hz, 1.0 / (16 * cells.dt), rtol=0.1)
     np.testing.assert_allclose(rows.duty_factor, 0.3, atol=0.05)
     np.testing.assert_allclose(rows.asked_m_per_s[:2], [2.125, 2.375], atol=0.01)
+
+
+def test_a_block_that_was_made_as_another_one_is_made_anew(tmp_path: Path) -> None:
+    made = []
+
+    def make() -> tuple[Any, dict[str, Any]]:
+        made.append(1)
+        return [len(made)], {"values": np.arange(3)}
+
+    first, second = tmp_path / "first.npz", tmp_path / "second.npz"
+    assert [made_once(first, make)[0], made_once(first, make)[0]] == [[1], [1]]
+    second.write_bytes(first.read_bytes())
+    numbers, arrays = made_once(second, make)
+    assert (numbers, sorted(arrays)) == ([2], ["values"])
+    assert made_once(second, make)[0] == [2]
 
 
 def test_blocks_hold_whole_groups() -> None:

@@ -107,8 +107,9 @@ def test_refused_cells_stay_in_the_table_with_the_reason(falling: tuple[Config, 
     assert shown.row_count == 4
 
 
+@pytest.mark.parametrize("damage", ["cut short", "another cell"])
 def test_a_finished_cell_survives_an_interruption(
-    falling: tuple[Config, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    falling: tuple[Config, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, damage: str
 ) -> None:
     config, teacher = falling
     output, made = workspace(tmp_path), []
@@ -125,7 +126,7 @@ def test_a_finished_cell_survives_an_interruption(
         library.run(config, {"teacher": teacher}, output, SilentLog())
     cells = sorted((output / CHECKPOINT).iterdir())
     assert len(cells) == 2
-    cells[1].write_bytes(b"cut short")
+    cells[1].write_bytes(b"cut short" if damage == "cut short" else cells[0].read_bytes())
     made.clear()
 
     def counted(at: Config, directory: Path) -> library.Cell:

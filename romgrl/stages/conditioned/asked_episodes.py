@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -135,16 +136,17 @@ def block_seed(seed: int, part: int, number: int) -> int:
 def made_once(path: Path, make: Callable[[], tuple[Any, Arrays]]) -> tuple[Any, Arrays]:
     """What is in a file of `made_once`, or else what is made now, numbers and arrays, and written there first.
 
-    An interrupted evaluation goes on with the same bits: what is read is what is used.
+    An interrupted evaluation goes on with the same bits: what is read is what is used. A file that was made under
+    another name is made anew.
     """
     found: Arrays | None = None
     if path.is_file():
-        try:
+        with suppress(ArtifactError):
             found = load_arrays(path)
-        except ArtifactError:
-            found = None
-    if found is None:
+    if found is None or str(found.get("made_as")) != path.name:
         numbers, arrays = make()
-        save_arrays(path, arrays | {"numbers": np.array(json.dumps(numbers))})
+        told = {"numbers": np.array(json.dumps(numbers)), "made_as": np.array(path.name)}
+        save_arrays(path, arrays | told)
         found = load_arrays(path)
+    del found["made_as"]
     return json.loads(str(found.pop("numbers"))), found

@@ -12,9 +12,10 @@ from romgrl.algorithms.conditioned_rom_grl import CommandedBuffer, ConditionedRo
 from romgrl.algorithms.relabelling import Relabelling
 from romgrl.config.commanded import conditioned_keys
 from romgrl.config.schema import Config
-from romgrl.errors import ArtifactError
+from romgrl.errors import ArtifactError, ConfigurationError
 from romgrl.gait.discriminator_windows import WindowLayout, reference_windows
 from romgrl.humanoid.vector_env import PlanarHumanoidVectorEnv
+from romgrl.provenance.taught_cells import too_far
 from romgrl.stages.conditioned.cells import CommandCells
 from romgrl.stages.conditioned.commanded_frames import commanded_mirror, speed_payment
 from romgrl.stages.wiring.student_learner import (
@@ -63,11 +64,16 @@ def build_conditioned_learner(
 def build_conditioned_discriminator(
     config: Config, layout: WindowLayout, cells: CommandCells
 ) -> ConditionedDiscriminator | None:
-    """The discriminator, with the windows of the taught cells; None for the baseline and where it has no weight."""
+    """The discriminator, with the windows of the taught cells; None for the baseline and where it has no weight.
+
+    Raises ConfigurationError where mismatched windows cannot be had, which only the finished library tells.
+    """
     seen, student = config.discriminator, conditioned_keys(config.student)
     if not seen.enabled or config.eta == 1:
         return None
     taught = cells.taught_cells
+    if refused := too_far(student, [(cells.gaits[cells.gait[cell]], float(cells.speed[cell])) for cell in taught]):
+        raise ConfigurationError(refused)
     windows = [
         reference_windows(
             cells.references[cell]["features"],
