@@ -11,15 +11,15 @@ from romgrl.errors import ArtifactError
 from romgrl.gait.distances import FLOOR
 from romgrl.gait.features import ALIGNMENTS, ALL, CHANNELS
 from romgrl.gait.null_models import AVERAGE, MEAN_ERROR, OVER_VARIANCE, REDUCTIONS
-from romgrl.report.numbers import UNKNOWN, fixed
+from romgrl.report.numbers import fixed
 from romgrl.report.style import CHANNEL_LABELS
 from romgrl.report.tables import DISTANCE_LABELS, markdown
 from romgrl.results.against_student import FAIR, by_walker, walkers_table, with_student, worth_of_each
 from romgrl.results.results_document import CLAIMED, FinishedSweeps
 from romgrl.results.seed_groups import CHOSEN, HELD_OUT, group_of
-from romgrl.results.sweep_cells import SEED_KEY, JobResult, by_cell, headline_jobs, note, number_row
+from romgrl.results.sweep_cells import SEED_KEY, JobResult, by_cell, headline_jobs, note
 from romgrl.results.sweep_record import settings
-from romgrl.results.sweep_tables import TABLE_COLUMNS, written
+from romgrl.results.sweep_tables import walked
 from romgrl.results.text_table import BRACKETS
 
 FAIR_COLUMNS = (
@@ -45,12 +45,6 @@ OTHER_SETTINGS = (
 )  # sweeps of students that are not the default's, by their names in sweeps/
 NOT_NAMED = (SEED_KEY, "humanoid.xml")
 """Settings of a job that its row does not name: the seed has a column, the file is the sweep."""
-OTHER_NUMBERS = (
-    "student/error_over_variance",
-    "student/falls_percent",
-    "student/steady_speed_m_per_s",
-    "student/stride_frequency_deviation_percent",
-)
 OTHER_SAID = f"Other settings than the defaults, each a stored sweep; {BRACKETS}:"
 START, END = "<!-- results -->", "<!-- end of results -->"
 GAIT = {
@@ -129,10 +123,7 @@ def others_table(found: FinishedSweeps) -> list[str]:
             named = [f"{key}={value}" for key, value in of.items() if key not in NOT_NAMED]
             row = {"settings": ", ".join([sweep.name, *named, *([f"on {sweep.on}"] if sweep.on else [])])}
             row["seeds"] = ", ".join(sorted(str(each.seed) for each in cell))
-            for name in OTHER_NUMBERS:
-                numbers = number_row(cell, name, "")
-                row[TABLE_COLUMNS[name]] = written(numbers) if numbers else UNKNOWN
-            rows.append(row | {"note": note(cell)})
+            rows.append(row | walked(cell) | {"note": note(cell)})
     return [OTHER_SAID, "", markdown(pd.DataFrame(rows))] if rows else []
 
 

@@ -19,9 +19,9 @@ from romgrl.results.claim_sheets import claim_sheets
 from romgrl.results.claims import claims_for, finding_of, read_claims
 from romgrl.results.evaluation_index import FinishedEvaluation, catalogue, codes
 from romgrl.results.seed_groups import by_group, seeds_told
-from romgrl.results.sweep_cells import JobResult, by_cell, results, seed_of
+from romgrl.results.sweep_cells import SEED_KEY, JobResult, by_cell, headline_jobs, note, results, seed_of
 from romgrl.results.sweep_record import Sweep, public, settings, sweeps
-from romgrl.results.sweep_tables import failures, write_tables
+from romgrl.results.sweep_tables import failures, walked, write_tables
 from romgrl.results.verify import baseline_sheet, errors_sheet, plural, warnings
 from romgrl.results.walker_sheets import gait_sheet, nulls_sheet
 
@@ -71,6 +71,7 @@ def write_document(found: FinishedSweeps, outputs: Path, docs: Path, others: Map
             text = [HEAD]
             for sweep, several in sorted(found, key=lambda each: (each[0].name != PAPER, each[0].title)):
                 text += results_section(sweep, several, outputs, fresh)
+            text += same_speeds(found)
             made = [path.name for path in fresh.iterdir()] + [FILES]
             (fresh / FILES).write_text("\n".join([*sorted(made), ""]), encoding="utf-8")
             before = made_before(directory)
@@ -161,6 +162,23 @@ def results_section(sweep: Sweep, jobs: list[JobResult], outputs: Path, director
         text += [f"![{sweep.title}, {figure.stem.removeprefix(prefix)}](results/{figure.name})", ""]
     links = [f"[{path.name}](results/{prefix}{path.name})" for path in paths if path.suffix == ".csv"]
     return [*text, proofs(jobs), f"All numbers: {', '.join(links)}.", ""]
+
+
+def same_speeds(found: FinishedSweeps) -> list[str]:
+    """Students that hold the same speed, by what taught them: of sweeps over seeds and speeds alone."""
+    rows: dict[float, list[dict[str, str]]] = {}
+    for sweep, jobs in sorted(found, key=lambda each: each[0].title):
+        for cell in by_cell(headline_jobs(jobs if set(sweep.swept) <= {SEED_KEY, "speed"} else [])):
+            if (evaluation := cell[0].evaluation) is not None:
+                speed, taught = (float(evaluation.settings[key]) for key in ("speed", "teacher.speed"))
+                row = {"asked [m/s]": f"{speed:g}", "sweep": sweep.title, "its teacher runs at [m/s]": f"{taught:g}"}
+                row["seeds"] = ", ".join(sorted(str(each.seed) for each in cell))
+                rows.setdefault(speed, []).append(row | walked(cell) | {"note": note(cell)})
+    shared = [row for _, several in sorted(rows.items()) if len(several) > 1 for row in several]
+    if not shared:
+        return []
+    said = "What is asked for one speed, sweep by sweep, each with a teacher and legs of its own; fewer than five seeds"
+    return ["## Students of the same speed", "", f"{said} are no verdict:", "", markdown(pd.DataFrame(shared))]
 
 
 def provenance(sweep: Sweep, jobs: Sequence[JobResult]) -> str:

@@ -21,6 +21,7 @@ from romgrl.results.sweep_cells import (
     cells_table,
     headline_jobs,
     jobs_table,
+    number_row,
     of_students,
     results,
 )
@@ -53,6 +54,13 @@ TEACHER_COLUMNS = {
 DRAWN = {"student/falls_percent", "teacher/falls_percent"}
 
 
+WALKED_COLUMNS = (
+    "student/error_over_variance",
+    "student/falls_percent",
+    "student/steady_speed_m_per_s",
+    "student/stride_frequency_deviation_percent",
+)
+"""Of TABLE_COLUMNS, those that need no baseline."""
 BAR_COLUMNS = {f"grid/{name}/student": meaning for name, (_, _, meaning) in BARS.items()}
 
 
@@ -119,6 +127,12 @@ def joint_table(cells: pd.DataFrame) -> str:
         row |= {"seeds": int(cell["seeds"].max()), "note": cell["note"].iloc[0]}
         rows.append(row)
     return markdown(pd.DataFrame(rows))
+
+
+def walked(cell: list[JobResult]) -> dict[str, str]:
+    """How a cell's students walk, beside what errors say: WALKED_COLUMNS of its jobs."""
+    rows = {name: number_row(cell, name, "") for name in WALKED_COLUMNS}
+    return {TABLE_COLUMNS[name]: written(row) if row else UNKNOWN for name, row in rows.items()}
 
 
 def written(row: Any, of: str = "mean") -> str:

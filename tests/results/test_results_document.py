@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from romgrl.errors import StorageError
 from romgrl.results import results_document, statistics, sweep_tables
 from romgrl.results.__main__ import main
 from romgrl.results.readme_table import END, START, runs_table
+from romgrl.results.results_document import finished_sweeps, same_speeds
 from romgrl.results.sweep_cells import results
 from romgrl.results.sweep_record import public, read_sweep
 from tests.results.chains import changed
@@ -97,6 +99,25 @@ def test_every_sweep_with_its_command_its_tables_and_its_proofs(default_config: 
     assert "| statue: error over variance | - | - | - |" in table
 
 
+def test_students_of_one_speed_stand_beside_one_another(default_config: Config, tmp_path: Path) -> None:
+    """Those of sweeps over seeds and speeds alone, and of speeds that several have."""
+    for place, name, values in (
+        ("a", "paper", {"seed": ["5", "6"]}),
+        ("bb", "walking", {"seed": ["5"]}),
+        ("ccc", "eta", {"eta": ["0.3", "0.7"], "seed": ["5"]}),
+    ):
+        stored(tmp_path, default_config, place, name, values)
+    section = same_speeds(finished_sweeps(tmp_path))
+    rows = section[-1].splitlines()[2:]
+    assert [row.split(" | ")[:4] for row in rows] == [
+        ["| 4", "paper", "4", "5, 6"],
+        ["| 4", "walking", "4", "5"],
+    ]
+    assert rows[0].endswith("too few seeds |")
+    shutil.rmtree(tmp_path / "sweeps" / "bb")
+    assert same_speeds(finished_sweeps(tmp_path)) == []
+
+
 def test_the_readmes_table_has_distances_floors_and_null_models(default_config: Config, tmp_path: Path) -> None:
     stored(tmp_path, default_config, "a", "paper", {"seed": ["0"]})
     (job,) = results(read_sweep(tmp_path / "sweeps" / "a"), tmp_path)
@@ -158,7 +179,7 @@ def test_trainings_on_another_processor_stand_apart(default_config: Config, tmp_
     assert "On Two (R), other bits and so other trainings" in text
     document = (tmp_path / "docs" / "results.md").read_text(encoding="utf-8")
     assert [line for line in document.splitlines() if line.startswith("## ")] == [
-        "## paper", "## paper on Two (R)", "## fair", "## fair on Two (R)"
+        "## paper", "## paper on Two (R)", "## fair", "## fair on Two (R)", "## Students of the same speed"
     ]  # fmt: skip
     names = {path.name for path in (tmp_path / "docs" / "results").glob("*jobs.csv")}
     assert names == {f"{name}_jobs.csv" for name in ("paper", "paper_on_Two_R", "fair", "fair_on_Two_R")}
