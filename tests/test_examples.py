@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from romgrl.algorithms.adversarial_losses import LOSSES
@@ -60,6 +61,13 @@ def test_commands() -> None:
     assert 0 < relabelled.mean() < earned.mean()  # 3 m/s is further off than what most were asked for
     assert commands.played(121)[[0, 30, 60, 90, 120]] == pytest.approx([1, 2, 3, 2, 1], abs=1e-6)
     assert commands.steered() == [[1.0, 1.0, 0.0, 1.0], [2.0, 0.5, 0.5, 1.0]]
+
+
+def test_legs_with_motors() -> None:
+    asked, power = example("legs_with_motors").main(10)
+    assert ((asked >= 1.5) & (asked <= 5.0)).all()
+    assert np.ptp(asked) > 1.0
+    assert (power > 0).any()
 
 
 def test_sac_on_another_environment() -> None:
