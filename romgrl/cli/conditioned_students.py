@@ -34,8 +34,6 @@ CONDITIONED_KEYS = (
     "discriminator.loss",
     "library.others",
     "student.pretrained",
-    "eta",
-    "discriminator.enabled",
     "student.adapt_eta",
     "student.final_eta",
     *OF_ONE_SPEED,
@@ -60,12 +58,8 @@ def conditioned_student(config: Config) -> Iterator[str]:
     where = f"with student.kind={config.student.kind}"
     if config.stage not in FOLLOWED:
         yield refusal("stage", config.stage, f"{', '.join(FOLLOWED)} {where}: it has no one speed")
-    if (final := conditioned_keys(config.student).final_eta) is not None:
-        if config.student.adapt_eta:
-            yield refusal("student.final_eta", final, "null with student.adapt_eta=true, which steers eta")
-        elif config.eta == 1 or not config.discriminator.enabled:
-            off = "eta=1" if config.eta == 1 else "discriminator.enabled=false"
-            yield refusal("student.final_eta", final, f"null with {off}: there is no imitation to weigh")
+    if config.student.adapt_eta and (final := conditioned_keys(config.student).final_eta) is not None:
+        yield refusal("student.final_eta", final, "null with student.adapt_eta=true, which steers eta")
     if config.student.pretrained and config.library.others is not None:
         yield refusal("library.others", config.library.others, "null with student.pretrained=true: its library ships")
     for key, needed in OF_ONE_SPEED.items():

@@ -29,12 +29,15 @@ NAME_KEYS = tuple(f"{group}.name" for group in NAMED)  # say what was chosen, ch
 
 def stage_config(stage: str, config: Config) -> Config:
     """The configuration that a stage sees: without imitation for the baseline and where there is no discriminator."""
-    if stage == "baseline" or not config.discriminator.enabled:
+    imitates = stage != "baseline" and config.discriminator.enabled
+    if isinstance(config.student, ConditionedStudent) and (config.eta == 1 or not imitates):
+        config = replace(config, student=replace(config.student, final_eta=None))
+    if not imitates:
         silent = replace(config.discriminator, enabled=False, features="paper", window=1, stride=1, reward="recomputed")
         resets = config.student.reference_resets if is_conditioned(config) else 0.0
         student = replace(config.student, reference_resets=resets, adapt_eta=False, end_early=False, second_try=False)
         if isinstance(student, ConditionedStudent):
-            student = replace(student, final_eta=None, mismatched_share=0.0, mismatch_distance=1.0)
+            student = replace(student, mismatched_share=0.0, mismatch_distance=1.0)
             student = replace(student, stratify=False, standardize_by_command=False)
         if stage == "baseline":
             student = replace(student, posture_weight=0.0, kept_policy="task_reward")

@@ -11,6 +11,7 @@ from romgrl.cli.consistency import misfits
 from romgrl.config.commanded import conditioned_keys
 from romgrl.errors import ConfigurationError
 from romgrl.provenance.stage_graph import STAGES
+from romgrl.provenance.stage_keys import stage_settings
 from romgrl.provenance.taught_cells import too_far
 from romgrl.stages import student
 from romgrl.stages.conditioned.cells import read_command_cells
@@ -67,10 +68,17 @@ def test_a_library_that_cannot_teach_is_refused_before_it_is_made(
     assert "is not allowed; allowed: " in line
 
 
-@pytest.mark.parametrize("reason", ["student.adapt_eta=true", "eta=1", "discriminator.enabled=false"])
-def test_a_weight_that_nothing_reads_is_refused(reason: str, compose_config: Composer) -> None:
-    (line,) = misfits(compose_config("experiment=every_speed", "student.final_eta=0.3", reason))
-    assert line.startswith(f"student.final_eta: 0.3 is not allowed; allowed: null with {reason}")
+def test_two_things_that_move_one_weight_are_refused(compose_config: Composer) -> None:
+    (line,) = misfits(compose_config("experiment=every_speed", "student.final_eta=0.3", "student.adapt_eta=true"))
+    assert line.startswith("student.final_eta: 0.3 is not allowed; allowed: null with student.adapt_eta=true")
+
+
+@pytest.mark.parametrize("without", ["eta=1", "discriminator.enabled=false"])
+def test_no_weight_moves_where_nothing_is_imitated(without: str, compose_config: Composer) -> None:
+    config = compose_config("experiment=every_speed", without)
+    assert not [*misfits(config)]
+    assert stage_settings("student", config)["student.final_eta"] is None
+    assert stage_settings("student", compose_config("experiment=every_speed"))["student.final_eta"] == 0.3
 
 
 def test_what_the_finished_library_refuses_is_refused_before_the_student(
