@@ -1,4 +1,4 @@
-"""The reduced-order model on legs with motors as a Gymnasium environment: worlds that draw their speed and stiffness."""
+"""Legs with motors as a Gymnasium environment, whose worlds draw their speed and stiffness."""
 
 import gymnasium as gym
 import numpy as np
@@ -11,7 +11,7 @@ ASKED = Commands(speed=(1.5, 5.0), stiffness_share=(0.7, 1.4))  # drawn for each
 
 
 def main(steps: int = 60) -> tuple[np.ndarray, np.ndarray]:
-    """Speeds (worlds,) that are asked for, m/s, and positive power (steps, worlds) of legs that push and hips at rest, W."""
+    """Speeds (worlds,) that are asked for, m/s, and positive power (steps, worlds) where legs push, W."""
     parameters = VariableLegParameters(stiffness=10_500.0)
     env = gym.make_vec(KEY, num_envs=8, vectorization_mode="vector_entry_point", parameters=parameters, speed=ASKED)
     observation, _ = env.reset(seed=0)

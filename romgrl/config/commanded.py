@@ -59,8 +59,8 @@ class ConditionedStudent(Student):
         "all references together"
     )
     final_eta: float | None = key(
-        "eta moves to this over the middle half of a training, unless there is no imitation; null: it stays, or adapt_eta "
-        "steers it",
+        "eta moves to this over the middle half of a training, unless there is no imitation; null: it stays, or "
+        "adapt_eta steers it",
         low=0,
         high=1,
         before=None,
