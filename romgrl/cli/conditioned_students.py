@@ -87,7 +87,7 @@ def taught_by_library(config: Config) -> Iterator[str]:
     elif not taught:
         speeds = ", ".join(f"{speed:g}" for _, speed in usual)
         yield refusal("student.taught_step", student.taught_step, f"a step with multiples among {speeds} m/s")
-    elif config.stage in ("student", *GRID_STAGES) and config.discriminator.enabled and config.eta < 1:
+    elif config.stage in ("student", "export", *GRID_STAGES) and config.discriminator.enabled and config.eta < 1:
         yield from filter(None, [too_far(student, taught)])
 
 

@@ -8,7 +8,7 @@ from romgrl.provenance.stage_graph import ACTIONS, STAGES
 
 HELP = """romgrl: a humanoid learns to walk and run from a reduced-order model, with no human demonstration.
 
-  python -m romgrl                               the whole pipeline (about 10 minutes)
+  python -m romgrl                               the whole pipeline (about 8 minutes)
   python -m romgrl stage=teacher                 one stage, with what it needs
   python -m romgrl -m speed=1,4 eta=0.3,0.5      a sweep; what jobs share is trained once
   python -m romgrl student=pretrained            walkers that ship, scored and drawn (about a minute)

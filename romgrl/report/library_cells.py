@@ -29,6 +29,8 @@ MEASURED_CELLS = {
     "falls": "falls",
 }
 """Columns of library.csv, and what stands over their panels; a library may lack some."""
+BANDS_ALONE = {"force_valley": "valley of the force"}
+"""Columns of library.csv that have human bands and are not drawn."""
 ASKED = {"steady_speed_m_per_s": "speed_m_per_s", "jump_apex_m": "apex_m"}
 """The columns of what is asked for, by those of what it came to."""
 FEET = {"foot_radius_m": "foot_radius", "roll_over_radius_m": "roll_over_radius"}
@@ -129,4 +131,6 @@ def said_of(fit: bool, reason: str, values: Mapping[str, float], gait: str) -> s
 
 def band_label(measure: str) -> str:
     """What a measure that has human bands is called, without its unit."""
-    return MEASURES[measure].label if measure in MEASURES else MEASURED_CELLS[measure].partition(" [")[0]
+    return (
+        MEASURES[measure].label if measure in MEASURES else (MEASURED_CELLS | BANDS_ALONE)[measure].partition(" [")[0]
+    )

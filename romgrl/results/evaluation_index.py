@@ -22,6 +22,8 @@ from romgrl.report.terminal_tables import number, read_rows, result_metrics, wit
 from romgrl.results.kept import open_numbers, order_made
 
 LINEAGE = tuple(stage for stage in STAGES if stage in upstream_of("evaluation") | {"evaluation"})
+TRACED = (LINEAGE[0], "library", *LINEAGE[1:])
+"""With what a student that follows commands is made from; what reads another stage comes after it."""
 SHOWN_DIFFERENCES = 3
 CADENCE_OFF = "stride_frequency_deviation_percent"  # from the teacher's
 TOUCHDOWNS = "touchdown_asymmetry_strides"
@@ -129,8 +131,8 @@ def derived(numbers: Mapping[str, float]) -> dict[str, float]:
 
 def catalogue(outputs: Path) -> Catalogue:
     """The manifests under `outputs`; those that cannot be read are left out."""
-    known: Catalogue = {stage: {} for stage in LINEAGE}
-    for stage in LINEAGE:
+    known: Catalogue = {stage: {} for stage in TRACED}
+    for stage in TRACED:
         for path in sorted(outputs.glob(f"artifacts/{stage}/*/manifest.json")):
             try:
                 manifest = manifest_of(path.parent)
@@ -143,7 +145,7 @@ def catalogue(outputs: Path) -> Catalogue:
 def trace(manifest: Manifest, known: Catalogue) -> dict[str, list[Manifest]]:
     """The manifests of every stage that an artifact may come from, its own included."""
     lineage: dict[str, list[Manifest]] = {manifest.stage: [manifest]}
-    for stage in reversed(LINEAGE):
+    for stage in reversed(TRACED):
         for child in lineage.get(stage, []):
             for name, digest in child.inputs.items():
                 several = lineage.setdefault(name, [])

@@ -165,7 +165,7 @@ def results_section(sweep: Sweep, jobs: list[JobResult], outputs: Path, director
 
 
 def same_speeds(found: FinishedSweeps) -> list[str]:
-    """Students that hold the same speed, by what taught them: of sweeps over seeds and speeds alone."""
+    """Students that are asked for the same speed: of sweeps over seeds and speeds alone."""
     rows: dict[float, list[dict[str, str]]] = {}
     for sweep, jobs in sorted(found, key=lambda each: each[0].title):
         for cell in by_cell(headline_jobs(jobs if set(sweep.swept) <= {SEED_KEY, "speed"} else [])):
@@ -177,8 +177,14 @@ def same_speeds(found: FinishedSweeps) -> list[str]:
     shared = [row for _, several in sorted(rows.items()) if len(several) > 1 for row in several]
     if not shared:
         return []
-    said = "What is asked for one speed, sweep by sweep, each with a teacher and legs of its own; fewer than five seeds"
-    return ["## Students of the same speed", "", f"{said} are no verdict:", "", markdown(pd.DataFrame(shared))]
+    said = "Asked for one speed, sweep by sweep; their teachers and legs are those of its file in `sweeps/`"
+    return [
+        "## Students of the same speed",
+        "",
+        f"{said}; fewer than five seeds are no verdict:",
+        "",
+        markdown(pd.DataFrame(shared)),
+    ]
 
 
 def provenance(sweep: Sweep, jobs: Sequence[JobResult]) -> str:

@@ -38,7 +38,11 @@ SEED_KEY = "seed"
 ERROR_NUMBERS = [f"{channel}/aligned" for channel in (*CHANNELS, "average")] + ["average/one_episode", "average/raw"]
 BASELINE = "average/aligned/baseline"  # missing where too many of the baseline's episodes fell
 DISTANCE_NUMBERS = ["mmd/all", "wasserstein/all", "dtw/all"]
-READ = ("robustness", "teacher")  # stages whose tables are read here; evaluations are verified where they are read
+READ = (
+    "robustness",
+    "teacher",
+    "library",
+)  # stages whose tables are read here; evaluations are verified where they are read
 WALKED, COMPARED = ("student", "baseline"), ("teacher", "student", "baseline")
 SUMMARISED = (*COMPARED, TEACHER)
 NULLS = [walker for walker in SCORED if walker not in WALKED]
@@ -105,6 +109,7 @@ def result(sweep: Sweep, job: list[str], outputs: Path, known: Catalogue) -> Job
         if "robustness" in places:
             return JobResult(swept, end, robustness_metrics(places["robustness"]))
         if "evaluation" in places and is_grid(places["evaluation"]):
+            open_numbers(places["evaluation"], stage="evaluation")
             return JobResult(swept, end, evaluation_metrics(places["evaluation"]))
         if "evaluation" in places:
             evaluation = read_evaluation(places["evaluation"], known)
@@ -208,7 +213,7 @@ def number_row(several: list[JobResult], measure: str, group: str) -> dict[str, 
 
 def improvement(several: list[JobResult], measure: str) -> dict[str, float]:
     """How surely the student's error or distance is below the baseline's."""
-    if not measure.endswith("/student") or measure.partition("/")[0] in REDUCTIONS.values():
+    if not measure.endswith("/student") or measure.partition("/")[0] in (*REDUCTIONS.values(), "grid"):
         return {}
     other = measure.removesuffix("student") + "baseline"
     ours, theirs = ([each.numbers.get(name, math.nan) for each in several] for name in (measure, other))

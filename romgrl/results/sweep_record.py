@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
@@ -31,6 +32,8 @@ SWEEP_KINDS = {
     "trials": int,
 }
 HOW = ("hydra", "paths", "tracking", "threads", "device", "parallel_stages", "checkpoint_seconds", "stage", "objective")
+PLACES = re.compile(r"(?<![\w.:/])/[^\s,\[\]'\"]+")
+"""Absolute paths in a text, as in a list of them."""
 PRIVATE = ("paths", "tracking")  # what of a command is about one machine
 
 
@@ -119,10 +122,8 @@ def public_words(words: Sequence[str]) -> list[str]:
 
 
 def last_part(text: str) -> str:
-    """The name at the end of an absolute path, and of each of a list; any other text as it is."""
-    if text.startswith("[") and text.endswith("]"):
-        return f"[{','.join(last_part(each.strip()) for each in text[1:-1].split(','))}]"
-    return Path(text).name if text.startswith("/") else text
+    """An absolute path as the name at its end, and each of those in any other text, as in a list."""
+    return Path(text).name if text.startswith("/") else PLACES.sub(lambda found: Path(found[0]).name, text)
 
 
 def write_sweep(directory: Path, name: str, command: str, jobs: Sequence[Sequence[str]], **more: Any) -> None:

@@ -250,7 +250,7 @@ def tell(
     values = loop.numbers() | tally.take() | learner.counts() | learner.measures(LOG_INTERVAL) | dict(more)
     log.metrics(values, step)
     log.progress(step, budget.expected_steps(step), speed=values["speed"], episode=values["episode_seconds"])
-    health.add(values, step)
+    health.add(values, step, learner.eta)
     if budget.minutes is not None and budget.reached(step):
         log.message(budget.summary(step))
 

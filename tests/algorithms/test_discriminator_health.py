@@ -152,7 +152,7 @@ def test_a_line_when_it_begins_and_a_history(compose_config: Composer, tmp_path:
         if number == 8:
             state, watch = watch.state(), HealthWatch(config, tmp_path, log)
             watch.restore(state)
-        watch.add(row, 1000 * (number + 1))
+        watch.add(row, 1000 * (number + 1), 0.3)
         if number < LASTING_ROWS - 1:
             assert health_tags(tmp_path) == {"romgrl.discriminator_health": "too short to tell"}
     (message,) = log.messages

@@ -13,7 +13,7 @@ import pytest
 
 from romgrl.gait import human_bands
 from romgrl.report.gait_atlas import gait_atlas
-from romgrl.report.library_cells import MEASURED_CELLS, band_curve, cell_lines, said_of
+from romgrl.report.library_cells import MEASURED_CELLS, band_curve, band_label, cell_lines, said_of
 from romgrl.report.numbers import significant
 from romgrl.report.page.library_page import NEIGHBORS, write_library_page
 from romgrl.report.page.scene import rom_points
@@ -181,6 +181,12 @@ def test_a_hop_is_not_compared_with_walks_and_runs() -> None:
     assert said_of(True, "", values, "run") == "yes; not human: stride frequency, stride length"
     assert said_of(True, "", values, "hop") == "yes; no human bands here"
     assert said_of(True, "", values | {"stride_frequency_hz": 1.6}, "run") == "yes"
+
+
+def test_every_measure_with_human_bands_has_a_name() -> None:
+    names = {band.measure: band_label(band.measure) for band in human_bands.table()}
+    assert names["force_valley"] == "valley of the force"
+    assert not any("_" in name or "[" in name for name in names.values())
 
 
 @pytest.mark.parametrize("gaits", [("run",), ("walk", "run")])

@@ -14,11 +14,13 @@ from romgrl.artifacts import read_manifest, write_manifest
 from romgrl.cli.locations import outputs_directory
 from romgrl.config.addresses import KEPT_FILE
 from romgrl.config.schema import Config
+from romgrl.provenance.stage_graph import STAGES
 from romgrl.results import keep as keep_module
 from romgrl.results import statistics, sweep_tables
 from romgrl.results.__main__ import main as write
 from romgrl.results.evaluation_index import select
 from romgrl.results.keep import main as keep
+from romgrl.results.sweep_record import JobEnd, note_end, write_sweep
 from romgrl.results.text_table import Sheet
 from romgrl.results.verify import verify
 from tests.results.chains import changed, write_numbers
@@ -177,3 +179,33 @@ def test_a_job_without_artifacts_is_no_reason_to_stop(outputs: Path, tmp_path: P
     lines = [json.loads(line) for line in record.read_text(encoding="utf-8").splitlines()]
     record.write_text(json.dumps(lines[0] | {"error": None, "artifacts": {}}) + "\n", encoding="utf-8")
     assert keep_module.keep(outputs, tmp_path / "numbers") == 1
+
+
+def test_what_follows_commands_is_kept_with_its_library_and_its_bars(tmp_path: Path) -> None:
+    outputs, kept, docs = tmp_path / "outputs", tmp_path / "numbers", tmp_path / "docs"
+    bar = {"name": "speed_held_percent", "student": 88.0, "baseline": 50.0, "reached": False}
+    tables = {
+        "teacher": {"gait.csv": "walker\n"},
+        "library": {"library.csv": "fit,multiplier\nTrue,0.5\n", "report.html": "page"},
+        "student": {"curve.csv": "step\n", "policy.txt": "weights"},
+        "baseline": {"policy.txt": "weights"},
+        "evaluation": {"grid.csv": "walker\n", "grid.json": json.dumps({"bars": [bar], "ramp": {}, "reached": 0})},
+    }
+    digests: dict[str, str] = {}
+    for stage, files in tables.items():
+        directory = outputs / "artifacts" / stage / "0123"
+        directory.mkdir(parents=True)
+        for name, text in files.items():
+            (directory / name).write_text(text, encoding="utf-8")
+        read = {name: digests[name] for name in STAGES[stage].reads(conditioned=True)}
+        made = {"config": {}, "versions": {}, "revision": None, "dirty": False, "seed": 5, "wall_time": 1.0}
+        digests[stage] = write_manifest(directory, stage=stage, key="0123", inputs=read, **made).digest
+    write_sweep(outputs / "sweeps" / "a", "made", "", [["seed=5"]], machine={}, started=1.0, usual={})
+    note_end(JobEnd(["seed=5"], {stage: str(outputs / "artifacts" / stage / "0123") for stage in tables}))
+    assert keep([str(outputs), str(kept)]) == 0
+    names = {path.name for path in kept.glob("artifacts/*/*/*")}
+    assert names == {"manifest.json", "gait.csv", "library.csv", "curve.csv", "grid.csv", "grid.json"}
+    assert write([str(kept), str(docs)]) == 0
+    assert "| 88 |" in (docs / "results.md").read_text(encoding="utf-8")
+    (kept / "artifacts" / "evaluation" / "0123" / "grid.json").write_text("{", encoding="utf-8")
+    assert write([str(kept), str(docs)]) != 0  # no job is left

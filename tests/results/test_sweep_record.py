@@ -22,13 +22,14 @@ from romgrl.results.sweep_record import (
 
 
 def test_places_of_files_are_left_out_of_lists_too() -> None:
-    words = [
-        "library.others=[/home/me/a/walk, /home/me/b]",
-        "eta=0.3",
-        "paths.outputs=/home/me",
-        "robustness.mass=[1,2]",
-    ]
-    assert public_words(words) == ["library.others=[walk,b]", "eta=0.3", "robustness.mass=[1,2]"]
+    told = {
+        "library.others=[/home/me/a/walk, /home/me/b]": "library.others=[walk, b]",
+        "library.others=[/home/me/a],['/home/me/b']": "library.others=[a],['b']",
+        "humanoid.xml=/home/me/robot.xml": "humanoid.xml=robot.xml",
+        "robustness.mass=[1,2]": "robustness.mass=[1,2]",
+        "python -m romgrl": "python -m romgrl",
+    }
+    assert public_words([*told, "paths.outputs=/home/me"]) == [*told.values()]
 
 
 def test_the_places_of_a_sweep_are_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

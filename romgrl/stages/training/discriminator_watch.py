@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import torch
 
 from romgrl.algorithms.adversarial_losses import LOSSES
-from romgrl.algorithms.discriminator_health import LASTING_ROWS, WATCHED, TrainingSetting, diagnose
+from romgrl.algorithms.discriminator_health import LASTING_ROWS, WATCHED, Diagnosis, TrainingSetting, diagnose
 from romgrl.artifacts.checkpoint import State
 from romgrl.config.schema import Config
 from romgrl.runtime.stage_log import StageLog
@@ -43,13 +44,13 @@ class HealthWatch:
         self._rows: list[dict[str, float]] = []  # with the step
         self._names: list[list[str]] = []  # what held at each
 
-    def add(self, values: Mapping[str, float], step: int) -> None:
-        """Take in a row; rows without a discriminator are none."""
+    def add(self, values: Mapping[str, float], step: int, eta: float) -> None:
+        """Take in a row, made with this weight of the task; rows without a discriminator are none."""
         if any(name not in values for name in WATCHED):
             return
         before = self._names[-1] if self._names else []
-        self._rows.append({"step": float(step)} | {name: values[name] for name in WATCHED})
-        now = diagnose(self._rows, self._setting)
+        self._rows.append({"step": float(step), "eta": eta} | {name: values[name] for name in WATCHED})
+        now = self._diagnoses(len(self._rows))
         self._names.append([diagnosis.name for diagnosis in now])
         for diagnosis in now:
             if diagnosis.name not in before:
@@ -69,11 +70,17 @@ class HealthWatch:
 
     def restore(self, state: State) -> None:
         """Go on from a state."""
-        numbers, width = state["numbers"], 1 + len(WATCHED)
+        names = ("step", "eta", *WATCHED)
+        numbers, width = state["numbers"], len(names)
         rows = [numbers[start : start + width] for start in range(0, len(numbers), width)]
-        self._rows = [dict(zip(("step", *WATCHED), row, strict=True)) for row in rows]
-        heads = [diagnose(self._rows[: count + 1], self._setting) for count in range(len(self._rows))]
+        self._rows = [dict(zip(names, row, strict=True)) for row in rows]
+        heads = [self._diagnoses(count + 1) for count in range(len(self._rows))]
         self._names = [[diagnosis.name for diagnosis in found] for found in heads]
+
+    def _diagnoses(self, count: int) -> list[Diagnosis]:
+        """What is wrong after so many rows."""
+        rows = self._rows[:count]
+        return diagnose(rows, replace(self._setting, eta=rows[-1]["eta"]))
 
     def _history(self) -> list[dict[str, str | int]]:
         spells: list[dict[str, str | int]] = []
