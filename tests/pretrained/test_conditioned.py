@@ -217,4 +217,12 @@ def test_the_preset_is_the_training_that_every_speed_makes(compose_config: Compo
         config = compose_config(*overrides, "stage=student")
         return config, stage_settings("student", config)
 
-    assert settings(PRESET, "student.pretrained=false")[1] == settings("experiment=every_speed")[1]
+    assert settings(PRESET, "student.pretrained=false")[1] == settings("experiment=every_speed", "seed=5")[1]
+
+
+def test_what_ships_is_whole_and_what_the_preset_asks_for(compose_config: Composer) -> None:
+    config = compose_config("student=pretrained_conditioned", "speed=2.3")
+    what_ships.require_shipped(config)
+    assert not [*misfits(config)]
+    library = what_ships.shipped_directory("library", conditioned=True) / "library.csv"
+    assert pd.read_csv(library).fit.all()
