@@ -155,7 +155,10 @@ def main(arguments: Sequence[str]) -> int:
     try:
         follows = CONDITIONED_PRESET in chosen.settings
         config = compose_config(*checked([*(TRAINED_CONDITIONED if follows else TRAINED), *chosen.settings]))
-        written = (ship_conditioned if follows else ship)(Path(chosen.outputs).expanduser().resolve(), config)
+        outputs = Path(chosen.outputs).expanduser().resolve()
+        if not outputs.is_dir():
+            raise ArtifactError(f"{outputs}: no such directory")
+        written = (ship_conditioned if follows else ship)(outputs, config)
     except (ConfigurationError, *COMPOSITION_ERRORS) as error:
         return refuse(error)
     except (RomgrlError, OSError) as error:

@@ -203,6 +203,8 @@ def test_why_nothing_is_packed(made: Path, ships: Path, capsys: pytest.CaptureFi
     assert main([str(made), PRESET, *SMALL, "student.gamma=0.5"]) == 3
     assert "instead of 0.5" in capsys.readouterr().err
     assert main([str(made / "none"), PRESET, *SMALL]) == 3
+    assert capsys.readouterr().err == f"{made / 'none'}: no such directory\n"
+    assert main([str(made / "artifacts"), PRESET, *SMALL]) == 3
     (line,) = capsys.readouterr().err.splitlines()
     assert line.endswith("no student with the settings of student=pretrained_conditioned")
     with pytest.MonkeyPatch.context() as patch:

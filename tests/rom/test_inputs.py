@@ -112,6 +112,12 @@ def test_parameters_of_another_type_are_named() -> None:
             SpringLegVectorEnv(parameters=value)
 
 
+@pytest.mark.parametrize("speed", [-1.0, 11, math.nan])
+def test_a_speed_is_told_by_the_name_that_it_was_given_by(speed: float) -> None:
+    with pytest.raises(ValueError, match=r"^speed = .* is not between 0 and 10$"):
+        SpringLegEnv(speed=speed)
+
+
 def test_legs_with_motors_are_not_without_them() -> None:
     with pytest.raises(ValueError, match=r"^parameters are SpringLegParameters, not VariableLegParameters$"):
         VariableLegEnv(parameters=SpringLegParameters())
