@@ -140,7 +140,7 @@ def core_parameters(
         values |= span(name, getattr(parameters, name)) if hasattr(parameters, name) else {}
     if parameters.trunk_moment_limit is None:
         values["trunk_moment_limit"] = math.inf
-    commands = speed if isinstance(speed, Commands) else Commands((one_speed(speed),) * 2)
+    commands = speed if isinstance(speed, Commands) else Commands((speed_of_all(speed),) * 2)
     for name in ("speed", "stiffness_share", "apex"):
         values |= span(name, getattr(commands, name))
     values |= {"command_steps": commands.hold_steps, "work_cost": work_cost}
@@ -158,7 +158,7 @@ def core_parameters(
     return core
 
 
-def one_speed(speed: float) -> float:
+def speed_of_all(speed: float) -> float:
     """A speed for all worlds, m/s. Raises ValueError, with the name that a caller knows it by, for one out of range."""
     _, low, high = _core.PARAMETERS["speed_low"]
     if isinstance(speed, (int, float)) and not low <= speed <= high:
