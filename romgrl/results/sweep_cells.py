@@ -38,11 +38,8 @@ SEED_KEY = "seed"
 ERROR_NUMBERS = [f"{channel}/aligned" for channel in (*CHANNELS, "average")] + ["average/one_episode", "average/raw"]
 BASELINE = "average/aligned/baseline"  # missing where too many of the baseline's episodes fell
 DISTANCE_NUMBERS = ["mmd/all", "wasserstein/all", "dtw/all"]
-READ = (
-    "robustness",
-    "teacher",
-    "library",
-)  # stages whose tables are read here; evaluations are verified where they are read
+READ = ("robustness", "teacher", "library")
+"""Stages whose tables are read here; evaluations are verified where they are read."""
 WALKED, COMPARED = ("student", "baseline"), ("teacher", "student", "baseline")
 SUMMARISED = (*COMPARED, TEACHER)
 NULLS = [walker for walker in SCORED if walker not in WALKED]
